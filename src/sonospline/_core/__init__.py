@@ -1,0 +1,48 @@
+"""The compiled core and its NumPy twin: the same functions, chosen once at import.
+
+``SONOSPLINE_BACKEND=core`` demands the compiled core, ``numpy`` the twin; unset, the core
+is used where it was built. ``SONOSPLINE_ISA`` names one of :func:`instruction_sets` and
+``SONOSPLINE_THREADS`` the number of threads of the core.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from types import ModuleType
+
+from . import twin
+
+try:
+    from . import _native as native
+except ImportError:
+    native = None  # type: ignore[assignment]
+
+logger = logging.getLogger(__name__)
+
+
+def _choose(wanted: str) -> ModuleType:
+    if wanted not in ("", "core", "numpy"):
+        raise ImportError(f"SONOSPLINE_BACKEND={wanted!r} is not known; use 'core' or 'numpy'")
+    if wanted == "core" and native is None:
+        raise ImportError(
+            "SONOSPLINE_BACKEND='core', but the compiled core is not installed; "
+            "install a C++17 compiler and reinstall sonospline, or use 'numpy'"
+        )
+    if wanted == "numpy" or native is None:
+        logger.info("running on the NumPy twin of the compiled core")
+        return twin
+    return native
+
+
+active = _choose(os.environ.get("SONOSPLINE_BACKEND", ""))
+
+
+def backend() -> str:
+    """Return the name of the backend in use: ``"core"`` or ``"numpy"``."""
+    return "numpy" if active is twin else "core"
+
+
+def instruction_set() -> str:
+    """Return the instruction set in use, such as ``"avx512"``; ``"numpy"`` on the twin."""
+    return "numpy" if active is twin else str(active.instruction_set())

@@ -1,0 +1,102 @@
+// Python side of the core. Arguments are checked by the Python package; here only
+// shapes and types are (by nanobind). The interpreter lock is released in every sum.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <string>
+#include <vector>
+
+#include "kernels.hpp"
+#include "parallel.hpp"
+#include "sums.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Rows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Affine = nb::ndarray<const double, nb::shape<4, 3>, nb::c_contig, nb::device::cpu>;
+
+// A new NumPy array that owns its memory.
+template <class T> nb::ndarray<nb::numpy, T> new_array(const std::vector<std::size_t> &shape) {
+    std::size_t size = 1;
+    for (std::size_t n : shape) size *= n;
+    T *data = new T[size];
+    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner);
+}
+
+sono::KernelSum kernel_sum(int kernel, const Rows &centres, const Rows &weights, const Affine &affine) {
+    if (centres.shape(0) != weights.shape(0)) throw nb::value_error("centres and weights differ in length");
+    return {static_cast<sono::Kernel>(kernel), centres.data(), weights.data(), centres.shape(0), affine.data()};
+}
+
+template <class T>
+nb::ndarray<nb::numpy, T> sum_at_points(int kernel, Rows points, Rows centres, Rows weights, Affine affine) {
+    const auto sum = kernel_sum(kernel, centres, weights, affine);
+    auto out = new_array<T>({points.shape(0), 3});
+    nb::gil_scoped_release release;
+    sono::sum_at_points<T>(sum, points.data(), points.shape(0), out.data());
+    return out;
+}
+
+template <class T>
+nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_t, 3> &shape,
+                                         const std::array<double, 3> &spacing, Rows centres, Rows weights,
+                                         Affine affine) {
+    const auto sum = kernel_sum(kernel, centres, weights, affine);
+    auto out = new_array<T>({shape[0], shape[1], shape[2], 3});
+    nb::gil_scoped_release release;
+    sono::sum_on_lattice<T>(sum, shape, spacing, out.data());
+    return out;
+}
+
+nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows centres, Rows weights,
+                                                  Affine affine) {
+    const auto sum = kernel_sum(kernel, centres, weights, affine);
+    auto out = new_array<double>({points.shape(0), 3, 3});
+    nb::gil_scoped_release release;
+    sono::gradient_at_points(sum, points.data(), points.shape(0), out.data());
+    return out;
+}
+
+nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, Rows points, Rows centres) {
+    auto out = new_array<double>({points.shape(0), centres.shape(0)});
+    nb::gil_scoped_release release;
+    sono::kernel_matrix(static_cast<sono::Kernel>(kernel), points.data(), points.shape(0), centres.data(),
+                        centres.shape(0), out.data());
+    return out;
+}
+
+std::vector<std::string> instruction_sets() {
+    std::size_t count;
+    const sono::KernelTable *const *tables = sono::available_kernels(count);
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < count; ++i) names.emplace_back(tables[i]->name);
+    return names;
+}
+
+}  // namespace
+
+NB_MODULE(_native, m) {
+    m.def("sum_at_points_f32", &sum_at_points<float>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
+    m.def("sum_at_points_f64", &sum_at_points<double>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
+    m.def("sum_on_lattice_f32", &sum_on_lattice<float>, "kernel"_a, "shape"_a, "spacing"_a, "centres"_a,
+          "weights"_a, "affine"_a);
+    m.def("sum_on_lattice_f64", &sum_on_lattice<double>, "kernel"_a, "shape"_a, "spacing"_a, "centres"_a,
+          "weights"_a, "affine"_a);
+    m.def("gradient_at_points", &gradient_at_points, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
+    m.def("kernel_matrix", &kernel_matrix, "kernel"_a, "points"_a, "centres"_a);
+    m.def("instruction_sets", &instruction_sets);
+    m.def("instruction_set", [] { return std::string(sono::kernels().name); });
+    m.def("use_instruction_set", [](const std::string &name) {
+        if (!sono::choose_kernels(name.c_str()))
+            throw nb::value_error(("this machine has no instruction set '" + name + "'").c_str());
+    });
+    m.def("thread_count", &sono::thread_count);
+    m.def("set_thread_count", &sono::set_thread_count, "count"_a);
+}

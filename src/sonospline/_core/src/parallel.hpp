@@ -1,0 +1,19 @@
+// A small persistent thread team: blocks are claimed one by one from a shared
+// counter, so a core that is busy elsewhere delays the sum by one block at most.
+// Waiting is passive (condition variables); nothing spins.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+
+namespace sono {
+
+/// Threads used by parallel_for: the calling one included, at least 1.
+int thread_count();
+void set_thread_count(int count);
+
+/// Calls body(block) once for each block in [0, blocks), in no fixed order.
+/// Runs in the calling thread alone where there is one block or one thread.
+void parallel_for(std::size_t blocks, const std::function<void(std::size_t)> &body);
+
+}  // namespace sono

@@ -1,0 +1,108 @@
+"""NumPy twin of the compiled core: same names, same arguments, same results, slower.
+
+Points (m, 3), centres (n, 3), weights (n, 3) and affine (4, 3) are float64. Every sum is
+``affine[0] + p @ affine[1:] + sum_j weights[j] U(|p - centres[j]|)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+Array = NDArray[np.float64]
+
+# The largest block of the (points x centres) matrix held at once, in elements.
+_BLOCK = 4_000_000
+
+_VALUE: dict[int, Callable[[Array], Array]] = {0: lambda r: r, 1: lambda r: r**3}
+# U'(r) / r, taken as 0 at r = 0, where grad r has its kink.
+_SLOPE: dict[int, Callable[[Array], Array]] = {
+    0: lambda r: np.divide(1.0, r, out=np.zeros_like(r), where=r > 0),
+    1: lambda r: 3 * r,
+}
+
+
+def _distances(points: Array, centres: Array) -> Array:
+    squared = np.zeros((len(points), len(centres)), points.dtype)
+    for axis in range(3):
+        difference = points[:, None, axis] - centres[None, :, axis]
+        squared += difference * difference
+    return np.sqrt(squared, out=squared)
+
+
+def _blocks(count: int, centres: int) -> Iterator[slice]:
+    size = max(1, _BLOCK // max(1, centres))
+    return (slice(start, start + size) for start in range(0, count, size))
+
+
+def _sum_at_points(
+    kernel: int, points: Array, centres: Array, weights: Array, affine: Array, dtype: DTypeLike
+) -> NDArray[np.floating]:
+    points, centres, weights, affine = (
+        a.astype(dtype, copy=False) for a in (points, centres, weights, affine)
+    )
+    out = points @ affine[1:] + affine[0]
+    for block in _blocks(len(points), len(centres)):
+        out[block] += _VALUE[kernel](_distances(points[block], centres)) @ weights
+    return out
+
+
+def sum_at_points_f32(
+    kernel: int, points: Array, centres: Array, weights: Array, affine: Array
+) -> NDArray[np.float32]:
+    return _sum_at_points(kernel, points, centres, weights, affine, np.float32)
+
+
+def sum_at_points_f64(kernel: int, points: Array, centres: Array, weights: Array, affine: Array) -> Array:
+    return _sum_at_points(kernel, points, centres, weights, affine, np.float64)
+
+
+def _sum_on_lattice(
+    kernel: int,
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    centres: Array,
+    weights: Array,
+    affine: Array,
+    dtype: DTypeLike,
+) -> NDArray[np.floating]:
+    nodes = np.indices(shape).reshape(3, -1).T * np.asarray(spacing)
+    return _sum_at_points(kernel, nodes, centres, weights, affine, dtype).reshape(*shape, 3)
+
+
+def sum_on_lattice_f32(
+    kernel: int,
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    centres: Array,
+    weights: Array,
+    affine: Array,
+) -> NDArray[np.float32]:
+    return _sum_on_lattice(kernel, shape, spacing, centres, weights, affine, np.float32)
+
+
+def sum_on_lattice_f64(
+    kernel: int,
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    centres: Array,
+    weights: Array,
+    affine: Array,
+) -> Array:
+    return _sum_on_lattice(kernel, shape, spacing, centres, weights, affine, np.float64)
+
+
+def gradient_at_points(kernel: int, points: Array, centres: Array, weights: Array, affine: Array) -> Array:
+    out = np.empty((len(points), 3, 3))
+    for block in _blocks(len(points), len(centres)):
+        slope = _SLOPE[kernel](_distances(points[block], centres))
+        for axis in range(3):
+            difference = points[block, None, axis] - centres[None, :, axis]
+            out[block, :, axis] = (slope * difference) @ weights
+    return out + affine[1:].T
+
+
+def kernel_matrix(kernel: int, points: Array, centres: Array) -> Array:
+    return _VALUE[kernel](_distances(points, centres))

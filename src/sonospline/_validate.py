@@ -1,0 +1,69 @@
+"""Checks at the border: each says which argument, which value and what would be right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def vector(name: str, value: ArrayLike) -> Array:
+    """Return three finite numbers as an array."""
+    array = _floats(name, value)
+    if array.shape != (3,):
+        raise ValueError(f"{name} = {value!r} has shape {array.shape}; give three numbers x, y, z")
+    return _finite(name, array)
+
+
+def points(name: str, value: ArrayLike) -> Array:
+    """Return finite points as a C-ordered (m, 3) array."""
+    array = _floats(name, value)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name} has shape {array.shape}; give an (m, 3) array of x, y, z rows")
+    return _finite(name, array)
+
+
+def number(name: str, value: float, *, positive: bool = False) -> float:
+    """Return a finite number at or above zero (above zero where ``positive``)."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {value!r} is not a number") from None
+    wanted = "above zero" if positive else "at or above zero"
+    if not np.isfinite(result) or result < 0 or (positive and result == 0):
+        raise ValueError(f"{name} = {value!r} is out of range; give a finite number {wanted}")
+    return result
+
+
+def count(name: str, value: int, *, least: int = 1) -> int:
+    """Return a whole number of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} = {value!r} is not a whole number; give an integer of at least {least}")
+    if value < least:
+        raise ValueError(f"{name} = {value} is too small; give at least {least}")
+    return int(value)
+
+
+def choice(name: str, value: str, allowed: Iterable[str]) -> str:
+    """Return ``value`` where it is one of ``allowed``."""
+    options = tuple(allowed)
+    if value not in options:
+        raise ValueError(f"{name} = {value!r} is not known; choose one of {', '.join(options)}")
+    return value
+
+
+def _floats(name: str, value: ArrayLike) -> Array:
+    try:
+        return np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {value!r} is not numeric; give numbers") from None
+
+
+def _finite(name: str, array: Array) -> Array:
+    if not np.isfinite(array).all():
+        bad = array.reshape(-1, 3)[~np.isfinite(array.reshape(-1, 3)).all(axis=1)][0]
+        raise ValueError(f"{name} contains NaN or infinity (first at {bad.tolist()}); give finite numbers")
+    return array

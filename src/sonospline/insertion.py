@@ -1,0 +1,168 @@
+"""Algorithm 1: a needle advances through tissue, and each step leaves a field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _validate
+from .field import ComposedField, Field, KernelField
+from .interaction import NeedleTissueModel, accumulated, interaction
+from .kernels import Biharmonic, Kernel
+from .landmarks import LandmarkPlan, plan_landmarks, select_anchors
+from .needle import Needle
+from .spline import PolyharmonicSpline
+from .tissue import Tissue
+
+Array = NDArray[np.float64]
+Accumulation = Literal["maximum", "incremental"]
+
+
+class Insertion:
+    """A needle insertion into a block of tissue, Algorithm 1.
+
+    Each :meth:`advance` selects landmarks, gives them the displacement the needle causes
+    (eqs 14 to 21), pins the anchors, and solves the spline (eqs 1 to 8). A step that
+    fails raises and leaves the previous :attr:`field` in force.
+
+    Parameters
+    ----------
+    tissue : Tissue
+        Where the needle goes.
+    model : NeedleTissueModel, optional
+        Its effect on the tissue; by default Table I scaled to the grid's side.
+    kernel : Kernel, default: Biharmonic()
+        The spline's kernel.
+    anchors : int, default: 5
+        Anchors along each side of a pinned face: 5 x 5 a face are 89 on a cube.
+    max_landmarks : int, default: 200
+        Most landmarks over the whole way the needle could go.
+    smoothing : float, default: 0.0
+        As for :class:`PolyharmonicSpline`.
+    accumulation : {"maximum", "incremental"}, default: "maximum"
+        How targets accumulate. ``"maximum"``: every step maps the undeformed tissue to
+        targets that are, per node, the largest displacement met so far (Sec. V); the
+        field depends on the needle's pose alone, so pulling back and re-inserting work.
+        ``"incremental"``: Algorithm 1 as printed, every step displaces the mesh the last
+        one left; use :meth:`NeedleTissueModel.paper_incremental` with it.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> tissue = ss.Tissue(ss.Grid.unit_cube(25), entry_face="x-")
+    >>> insertion = ss.Insertion(tissue, model=ss.NeedleTissueModel.paper())
+    >>> field = insertion.advance(ss.Needle(entry=(0, .5, .5), tip=(.6, .5, .5)))
+    >>> field.on_grid().shape
+    (25, 25, 25, 3)
+    >>> 0.02 < abs(field.on_grid()).max() < 0.03
+    True
+    """
+
+    def __init__(
+        self,
+        tissue: Tissue,
+        model: NeedleTissueModel | None = None,
+        *,
+        kernel: Kernel | None = None,
+        anchors: int = 5,
+        max_landmarks: int = 200,
+        smoothing: float = 0.0,
+        accumulation: Accumulation = "maximum",
+    ) -> None:
+        if not isinstance(tissue, Tissue):
+            raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
+        self.tissue = tissue
+        self.model = NeedleTissueModel.paper(tissue.grid.side) if model is None else model
+        self.kernel = Biharmonic() if kernel is None else kernel
+        self.smoothing = _validate.number("smoothing", smoothing)
+        self.accumulation = _validate.choice("accumulation", accumulation, ("maximum", "incremental"))
+        self.max_landmarks = _validate.count("max_landmarks", max_landmarks)
+        self.anchors = select_anchors(tissue, _validate.count("anchors", anchors, least=2))
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the needle out and let the tissue return to its undeformed state."""
+        self.needle: Needle | None = None
+        self.plan: LandmarkPlan | None = None
+        self.field: Field = self._solve(np.empty((0, 3)), np.empty((0, 3)))
+        self.landmark_count = 0
+
+    def advance(self, needle: Needle) -> Field:
+        """Move the needle to a pose and return the field it leaves.
+
+        Parameters
+        ----------
+        needle : Needle
+            Entry and tip, both inside the tissue. A needle on another axis than the last
+            one starts a new pass.
+
+        Raises
+        ------
+        ValueError
+            A needle outside the tissue, or (incremental only) one that does not advance.
+        """
+        self._check(needle)
+        plan = self._plan_for(needle)
+        if self.accumulation == "maximum":
+            count = plan.active_count(needle.depth)
+            landmarks = plan.points[:count]
+            field: Field = self._solve(landmarks, accumulated(landmarks, needle, self.model))
+        else:
+            field, count = self._move_mesh(needle, plan)
+        self.needle, self.plan, self.field, self.landmark_count = needle, plan, field, count
+        return field
+
+    def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
+        """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
+        _validate.count("steps", steps)
+        whole = Needle(entry, target)  # type: ignore[arg-type]
+        self._check(whole)
+        return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
+
+    def _check(self, needle: Needle) -> None:
+        for name in ("entry", "tip"):
+            point = getattr(needle, name)
+            if not self.tissue.grid.contains(point).all():
+                raise ValueError(f"{name} = {point.tolist()} lies outside the tissue; move it into {self._box()}")
+
+    def _box(self) -> str:
+        corners = self.tissue.grid.world(np.stack([np.zeros(3), self.tissue.grid.extent]))
+        low, high = np.round(corners.min(axis=0), 3), np.round(corners.max(axis=0), 3)
+        return " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+
+    def _plan_for(self, needle: Needle) -> LandmarkPlan:
+        if self.plan is not None and self.needle is not None and _same_axis(self.needle, needle):
+            return self.plan
+        return plan_landmarks(self.tissue, needle, self.model, max_landmarks=self.max_landmarks)
+
+    def _solve(self, landmarks: Array, displacements: Array) -> KernelField:
+        points = np.vstack([self.anchors, landmarks])
+        values = np.vstack([np.zeros_like(self.anchors), displacements])
+        spline = PolyharmonicSpline(points, kernel=self.kernel, smoothing=self.smoothing)
+        return spline.solve(values, grid=self.tissue.grid)
+
+    def _move_mesh(self, needle: Needle, plan: LandmarkPlan) -> tuple[ComposedField, int]:
+        """One step of Algorithm 1 as printed: displace the mesh the last step left."""
+        grid = self.tissue.grid
+        if self.needle is not None and _same_axis(self.needle, needle) and needle.depth <= self.needle.depth:
+            raise ValueError(
+                f"tip = {needle.tip.tolist()} does not advance; accumulation='incremental' cannot pull back, "
+                "use 'maximum' or reset()"
+            )
+        last = self.field if isinstance(self.field, ComposedField) else ComposedField((), grid, grid.points)
+        nodes = np.ravel_multi_index(tuple(plan.nodes.T), grid.shape)
+        displacements = interaction(last.nodes[nodes], needle, self.model)
+        moved = displacements.any(axis=1)
+        step = self._solve(last.nodes[nodes][moved], displacements[moved])
+        return ComposedField((*last.steps, step), grid, step.forward(last.nodes)), int(moved.sum())
+
+
+def _same_axis(a: Needle, b: Needle) -> bool:
+    scale = max(a.depth, b.depth)
+    return bool(
+        np.allclose(a.entry, b.entry, rtol=0, atol=1e-9 * scale)
+        and np.allclose(a.direction, b.direction, rtol=0, atol=1e-9)
+    )

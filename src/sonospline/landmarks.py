@@ -1,0 +1,130 @@
+"""Which nodes carry constraints: anchors on the pinned faces, landmarks around the needle.
+
+Only some of the nodes the needle displaces become landmarks: a coarser lattice of them
+and those next to the axis give the same field to one per cent. The choice depends on the
+axis alone, and landmarks are ordered by the depth at which they wake: as the needle
+advances the active ones grow at the end of the list and never change, which is what an
+incremental solver needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .grid import Grid, face_slice
+from .interaction import NeedleTissueModel, activation_depth
+from .needle import Needle
+from .tissue import Tissue
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+AXIS_REACH = 0.75
+"""Nodes this near to the axis, in spacings, are landmarks before any others."""
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkPlan:
+    """Landmarks of one needle axis, over the whole way it could go through the tissue."""
+
+    nodes: Index
+    """(m, 3) lattice index of each landmark."""
+    points: Array
+    """(m, 3) their world positions."""
+    activation_depth: Array
+    """(m,) inserted length from which each is displaced, ascending."""
+
+    def active_count(self, depth: float) -> int:
+        """Return how many landmarks are displaced at a depth: the first ones of the list."""
+        return int(np.searchsorted(self.activation_depth, depth, side="right"))
+
+
+def plan_landmarks(
+    tissue: Tissue, needle: Needle, model: NeedleTissueModel, *, max_landmarks: int
+) -> LandmarkPlan:
+    """Choose at most ``max_landmarks`` nodes around a needle's axis.
+
+    Pinned nodes are never among them. Nodes within 0.75 spacings of the axis come first
+    (thinned evenly where they alone exceed half the number), then the finest regular
+    sub-lattice that still fits.
+    """
+    grid = tissue.grid
+    near = _thin(_near_axis(tissue, needle, model), max_landmarks // 2)
+    stride = 1
+    while True:
+        coarse = _movable(tissue, _sub_lattice(grid, needle, stride), needle, model)
+        nodes = np.unique(np.concatenate([near, coarse]), axis=0)
+        if len(nodes) <= max_landmarks:
+            break
+        # A lattice thinned s-fold keeps 1/s^3 of its nodes: jump near the goal, then creep.
+        excess = len(coarse) / max(1, max_landmarks - len(near))
+        stride = max(stride + 1, int(stride * excess ** (1 / 3)) - 1)
+    points = grid.node(nodes)
+    wakes = activation_depth(points, needle, model)
+    order = np.argsort(wakes, kind="stable")
+    return LandmarkPlan(nodes[order], points[order], wakes[order])
+
+
+def select_anchors(tissue: Tissue, per_side: int) -> Array:
+    """Return world positions of a ``per_side`` x ``per_side`` set of nodes on each pinned face.
+
+    Nodes shared by two faces count once: 5 x 5 on the five faces of a cube are 89 anchors.
+    """
+    grid = tissue.grid
+    chosen = np.zeros(grid.shape, bool)
+    for axis, count in enumerate(grid.shape):
+        keep = np.zeros(count, bool)
+        keep[np.rint(np.linspace(0, count - 1, min(per_side, count))).astype(int)] = True
+        chosen = _outer(chosen, keep, axis)
+    faces = np.zeros(grid.shape, bool)
+    for face in tissue.pinned_faces:
+        faces[face_slice(face)] = chosen[face_slice(face)]
+    return grid.node(np.argwhere(faces))
+
+
+def _outer(mask: NDArray[np.bool_], keep: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
+    along_axis = keep.reshape([-1 if a == axis else 1 for a in range(3)])
+    return (mask if axis else np.ones_like(mask)) & along_axis
+
+
+def _movable(tissue: Tissue, nodes: Index, needle: Needle, model: NeedleTissueModel) -> Index:
+    """Those of the nodes that the needle can displace and no face pins."""
+    nodes = nodes[~_pinned(tissue, nodes)]
+    return nodes[np.isfinite(activation_depth(tissue.grid.node(nodes), needle, model))]
+
+
+def _pinned(tissue: Tissue, nodes: Index) -> NDArray[np.bool_]:
+    last = np.array(tissue.grid.shape) - 1
+    on = {"-": nodes == 0, "+": nodes == last}
+    masks = [on[face[1]][:, "xyz".index(face[0])] for face in tissue.pinned_faces]
+    return np.logical_or.reduce(masks)
+
+
+def _sub_lattice(grid: Grid, needle: Needle, stride: int) -> Index:
+    """Every ``stride``-th node along each axis, one of them next to the entry."""
+    start = np.rint(grid.local(needle.entry[None])[0] / grid.spacing).astype(int) % stride
+    axes = [np.arange(s, n, stride) for s, n in zip(start, grid.shape, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _near_axis(tissue: Tissue, needle: Needle, model: NeedleTissueModel) -> Index:
+    grid = tissue.grid
+    spacing = np.array(grid.spacing)
+    samples = np.arange(0, np.linalg.norm(grid.extent) + 1, 0.5 * spacing.min())
+    nearest = np.rint(grid.local(needle.entry + samples[:, None] * needle.direction) / spacing)
+    around = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
+    nodes = np.unique((nearest[:, None] + around).reshape(-1, 3).astype(np.int64), axis=0)
+    nodes = nodes[((nodes >= 0) & (nodes < grid.shape)).all(axis=1)]
+    nodes = _movable(tissue, nodes, needle, model)
+    seen = needle.project(grid.node(nodes))
+    close = seen.distance <= AXIS_REACH * spacing.max()
+    return nodes[close][np.argsort(seen.along[close], kind="stable")]
+
+
+def _thin(nodes: Index, most: int) -> Index:
+    if len(nodes) <= most:
+        return nodes
+    return nodes[np.rint(np.linspace(0, len(nodes) - 1, most)).astype(int)]

@@ -1,0 +1,50 @@
+"""The tissue: a grid of nodes and which of its faces cannot move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _validate
+from .grid import FACES, Grid
+
+
+@dataclass(frozen=True, eq=False)
+class Tissue:
+    """A block of tissue whose faces are pinned, all but the one the needle enters (Sec. V).
+
+    Parameters
+    ----------
+    grid : Grid
+        Its nodes.
+    entry_face : str, default: "x-"
+        The free face, one of ``sonospline.FACES`` (lattice axis and side).
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> tissue = ss.Tissue(ss.Grid.unit_cube(25), entry_face="x-")
+    >>> int(tissue.pinned.sum())
+    2929
+    """
+
+    grid: Grid
+    entry_face: str = "x-"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.grid, Grid):
+            raise ValueError(f"grid = {self.grid!r} is not a Grid; make one, e.g. Grid.unit_cube(53)")
+        _validate.choice("entry_face", self.entry_face, FACES)
+
+    @property
+    def pinned_faces(self) -> tuple[str, ...]:
+        """The five faces that do not move."""
+        return tuple(face for face in FACES if face != self.entry_face)
+
+    @cached_property
+    def pinned(self) -> NDArray[np.bool_]:
+        """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
+        return self.grid.on_faces(self.pinned_faces)
