@@ -3,8 +3,6 @@
 Not a medical device; not for clinical use.
 """
 
-from importlib.metadata import version as _version
-
 from .field import ComposedField, Field, InverseReport, KernelField
 from .grid import FACES, Grid
 from .insertion import Insertion
@@ -13,8 +11,6 @@ from .kernels import Biharmonic, Kernel, Triharmonic
 from .needle import Needle
 from .spline import PolyharmonicSpline
 from .tissue import Tissue
-
-__version__ = _version("sonospline")
 
 __all__ = [
     "FACES",
@@ -32,3 +28,12 @@ __all__ = [
     "Tissue",
     "Triharmonic",
 ]
+
+
+def __getattr__(name: str) -> str:
+    """Look the version up only when asked: it costs more than the rest of the import."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("sonospline")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

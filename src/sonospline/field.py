@@ -29,7 +29,7 @@ class InverseReport(NamedTuple):
     iterations: int
     """Fixed-point iterations made."""
     residual: float
-    """Largest |forward(inverse(p)) - p| over the converged points."""
+    """Largest ``|forward(inverse(p)) - p|`` over the converged points."""
 
 
 class Field(ABC):
@@ -66,9 +66,7 @@ class Field(ABC):
         return points + self.displacement(points)
 
     @overload
-    def inverse(
-        self, points: ArrayLike, *, tolerance: float | None = ..., max_iterations: int = ...
-    ) -> Array: ...
+    def inverse(self, points: ArrayLike, *, tolerance: float | None = ..., max_iterations: int = ...) -> Array: ...
     @overload
     def inverse(
         self,
@@ -89,7 +87,7 @@ class Field(ABC):
     ) -> Array | tuple[Array, InverseReport]:
         """Return the undeformed positions x with x + u(x) = p, for world points p (m, 3).
 
-        Fixed-point iteration x <- p - u(x), which contracts while |grad u| < 1. A point
+        Fixed-point iteration x <- p - u(x), which contracts while ``|grad u| < 1``. A point
         that does not converge is NaN, never a guess, and is counted in the log.
 
         Parameters
@@ -97,7 +95,7 @@ class Field(ABC):
         points : (m, 3) array_like
             Deformed positions.
         tolerance : float, optional
-            Largest |x + u(x) - p| accepted; by default 1e-9 of the field's length.
+            Largest ``|x + u(x) - p|`` accepted; by default 1e-9 of the field's length.
         max_iterations : int, default: 100
             Iterations before a point is given up.
         return_report : bool, default: False
@@ -129,7 +127,7 @@ class Field(ABC):
             x[remaining[lost]] = np.nan
             remaining = remaining[~done & ~lost]
         x[remaining] = np.nan
-        converged = np.isfinite(x).all(axis=1)
+        converged = np.logical_and.reduce(np.isfinite(x), axis=1)
         if not converged.all():
             logger.warning("inverse map: %d of %d points did not converge", (~converged).sum(), len(x))
         return (x, InverseReport(converged, iterations, residual)) if return_report else x
@@ -151,7 +149,7 @@ class Field(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KernelField(Field):
-    """A field that is a kernel sum: u(x) = a0 + A (x - reference) + sum_j w_j U(|x - c_j|), eq. (1).
+    """A field that is a kernel sum, ``u(x) = a0 + A (x - reference) + sum_j w_j U(|x - c_j|)``, eq. (1).
 
     Parameters
     ----------

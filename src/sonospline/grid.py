@@ -78,7 +78,7 @@ class Grid:
         *,
         nodes: int = 150_000,
         origin: ArrayLike = (0, 0, 0),
-        direction: ArrayLike = np.eye(3),
+        direction: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ) -> Grid:
         """Return a grid of about ``nodes`` nodes, nearly cubic cells, over a box.
 
@@ -170,10 +170,12 @@ def face_slice(face: str) -> tuple[slice | int, ...]:
 
 
 def _orthonormal(direction: ArrayLike) -> Array:
+    """The matrix, freed of the rounding that image headers carry."""
     matrix = np.array(direction, float)
-    if matrix.shape != (3, 3) or not np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-6):
+    if matrix.shape != (3, 3) or not np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-4):
         raise ValueError(f"direction = {matrix.tolist()} is not orthonormal; give unit axes as columns")
-    return matrix
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
 
 
 def _balanced_shape(sides: Array, nodes: int) -> tuple[int, int, int]:

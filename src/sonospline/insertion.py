@@ -104,7 +104,7 @@ class Insertion:
         ValueError
             A needle outside the tissue, or (incremental only) one that does not advance.
         """
-        self._check(needle)
+        self._check(entry=needle.entry, tip=needle.tip)
         plan = self._plan_for(needle)
         if self.accumulation == "maximum":
             count = plan.active_count(needle.depth)
@@ -118,13 +118,12 @@ class Insertion:
     def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
         """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
         _validate.count("steps", steps)
-        whole = Needle(entry, target)  # type: ignore[arg-type]
-        self._check(whole)
+        whole = Needle(entry, target)
+        self._check(entry=whole.entry, target=whole.tip)
         return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
 
-    def _check(self, needle: Needle) -> None:
-        for name in ("entry", "tip"):
-            point = getattr(needle, name)
+    def _check(self, **points: Array) -> None:
+        for name, point in points.items():
             if not self.tissue.grid.contains(point).all():
                 raise ValueError(f"{name} = {point.tolist()} lies outside the tissue; move it into {self._box()}")
 

@@ -162,9 +162,7 @@ def activation_depth(points: Array, needle: Needle, model: NeedleTissueModel) ->
     seen = needle.project(points)
     beside = (seen.along >= 0) & (seen.distance <= model.shaft_radius)
     by_shaft = np.where(beside, seen.along, np.inf)
-    by_tip = np.where(
-        _in_tip_path(points, needle, model), np.maximum(seen.along - model.tip_length, 0.0), np.inf
-    )
+    by_tip = np.where(_in_tip_path(points, needle, model), np.maximum(seen.along - model.tip_length, 0.0), np.inf)
     return np.minimum(by_shaft, by_tip)
 
 

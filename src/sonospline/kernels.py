@@ -32,7 +32,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def matrix(self, points: Array, centres: Array) -> Array:
-        """Return U(|p_i - c_j|) as an (m, n) array."""
+        """Return ``U(|p_i - c_j|)`` as an (m, n) array."""
 
     @abstractmethod
     def sum(self, points: Array, centres: Array, weights: Array, affine: Array, *, single: bool) -> Array:
@@ -89,7 +89,7 @@ class _Radial(Kernel):
 class Biharmonic(_Radial):
     """U(r) = r, equation (3): the lowest-order polyharmonic kernel of three dimensions.
 
-    Its symbol is -8 pi / |xi|^4: conditionally *negative* definite, so the paper's +eps on
+    Its symbol is ``-8 pi / |xi|^4``: conditionally *negative* definite, so the paper's +eps on
     the diagonal (eq. 4) moves the system towards singularity.
 
     Examples

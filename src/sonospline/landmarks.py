@@ -42,9 +42,7 @@ class LandmarkPlan:
         return int(np.searchsorted(self.activation_depth, depth, side="right"))
 
 
-def plan_landmarks(
-    tissue: Tissue, needle: Needle, model: NeedleTissueModel, *, max_landmarks: int
-) -> LandmarkPlan:
+def plan_landmarks(tissue: Tissue, needle: Needle, model: NeedleTissueModel, *, max_landmarks: int) -> LandmarkPlan:
     """Choose at most ``max_landmarks`` nodes around a needle's axis.
 
     Pinned nodes are never among them. Nodes within 0.75 spacings of the axis come first

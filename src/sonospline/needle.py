@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ class Projection(NamedTuple):
     """(m,) d: distance from the axis, eq. (13)."""
 
 
-@dataclass(frozen=True, eq=False)
 class Needle:
     """A rigid needle of zero width, entry n_s and tip n_t in world coordinates (mm).
 
@@ -49,18 +47,18 @@ class Needle:
     (0.6, [1.0, 0.0, 0.0])
     """
 
-    entry: Array
-    tip: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "entry", _validate.vector("entry", self.entry))
-        object.__setattr__(self, "tip", _validate.vector("tip", self.tip))
+    def __init__(self, entry: ArrayLike, tip: ArrayLike) -> None:
+        self.entry: Array = _validate.vector("entry", entry)
+        self.tip: Array = _validate.vector("tip", tip)
         if self.depth <= 1e-12 * max(1.0, float(np.abs(self.entry).max())):
             raise ValueError(f"tip = {self.tip.tolist()} equals the entry; move the tip off the entry point")
 
+    def __repr__(self) -> str:
+        return f"Needle(entry={self.entry.tolist()}, tip={self.tip.tolist()})"
+
     @property
     def depth(self) -> float:
-        """Inserted length |n_t - n_s| in mm."""
+        """Inserted length ``|n_t - n_s|`` in mm."""
         return float(np.linalg.norm(self.tip - self.entry))
 
     @property

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lu_factor, lu_solve
 
 from . import _core, _validate
 from .field import KernelField
@@ -99,6 +98,8 @@ class PolyharmonicSpline:
         _refuse_singular(paper_epsilon, nearest * self._frame.scale)
         # smoothing s pushes the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = self.kernel.sign * smoothing + paper_epsilon
+        from scipy.linalg import lu_factor  # a quarter of a second to import: only where used
+
         self._factor = lu_factor(self._system(diagonal / self._frame.scale**self.kernel.homogeneity))
 
     @classmethod
@@ -134,6 +135,8 @@ class PolyharmonicSpline:
         grid : Grid, optional
             The lattice that ``field.on_grid()`` will use.
         """
+        from scipy.linalg import lu_solve
+
         values = _matching_values(self.points, values)
         solution = lu_solve(self._factor, np.vstack([values, np.zeros((4, 3))]))
         weights, affine = solution[: len(values)], solution[len(values) :]

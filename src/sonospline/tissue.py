@@ -48,3 +48,10 @@ class Tissue:
     def pinned(self) -> NDArray[np.bool_]:
         """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
         return self.grid.on_faces(self.pinned_faces)
+
+    def boundary_drift(self, displacement: NDArray[np.floating]) -> float:
+        """Return how far any pinned node moves in a displacement (nx, ny, nz, 3); ideally zero.
+
+        Sampled anchors hold the faces between them only roughly; this says how roughly.
+        """
+        return float(np.linalg.norm(displacement[self.pinned], axis=-1).max())

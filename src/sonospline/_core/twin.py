@@ -7,6 +7,7 @@ Points (m, 3), centres (n, 3), weights (n, 3) and affine (4, 3) are float64. Eve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -39,19 +40,15 @@ def _blocks(count: int, centres: int) -> Iterator[slice]:
 
 def _sum_at_points(
     kernel: int, points: Array, centres: Array, weights: Array, affine: Array, dtype: DTypeLike
-) -> NDArray[np.floating]:
-    points, centres, weights, affine = (
-        a.astype(dtype, copy=False) for a in (points, centres, weights, affine)
-    )
+) -> NDArray[Any]:
+    points, centres, weights, affine = (a.astype(dtype, copy=False) for a in (points, centres, weights, affine))
     out = points @ affine[1:] + affine[0]
     for block in _blocks(len(points), len(centres)):
         out[block] += _VALUE[kernel](_distances(points[block], centres)) @ weights
     return out
 
 
-def sum_at_points_f32(
-    kernel: int, points: Array, centres: Array, weights: Array, affine: Array
-) -> NDArray[np.float32]:
+def sum_at_points_f32(kernel: int, points: Array, centres: Array, weights: Array, affine: Array) -> NDArray[np.float32]:
     return _sum_at_points(kernel, points, centres, weights, affine, np.float32)
 
 
@@ -67,7 +64,7 @@ def _sum_on_lattice(
     weights: Array,
     affine: Array,
     dtype: DTypeLike,
-) -> NDArray[np.floating]:
+) -> NDArray[Any]:
     nodes = np.indices(shape).reshape(3, -1).T * np.asarray(spacing)
     return _sum_at_points(kernel, nodes, centres, weights, affine, dtype).reshape(*shape, 3)
 

@@ -1,0 +1,1 @@
+"""Files: volumes, displacement fields for ITK and Slicer, grids for VTK. Needs the extra ``io``."""

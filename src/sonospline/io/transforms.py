@@ -1,0 +1,66 @@
+"""A field as an ITK displacement-field transform, which warps images in SimpleITK and 3D Slicer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._extras import require
+from ..field import Field, InverseReport
+from ..grid import Grid
+from ..volume import Volume
+from .volumes import RAS_TO_LPS, from_sitk, place, to_sitk
+
+
+@dataclass(frozen=True, eq=False)
+class ImageWarp:
+    """The inverse of a field, sampled on its grid: where each point of the deformed image came from.
+
+    An ITK transform maps output points to input points, so warping an image needs the
+    inverse of the forward field.
+    """
+
+    grid: Grid
+    displacement: NDArray[np.float64]
+    """(nx, ny, nz, 3) inverse(p) - p at each node p, RAS mm."""
+    report: InverseReport
+
+    @classmethod
+    def of(cls, field: Field) -> ImageWarp:
+        """Return the inverse of a field on the field's own grid.
+
+        A node whose inverse is not known (the report counts them) keeps its place.
+        """
+        if field.grid is None:
+            raise ValueError("field.grid = None: fit the field with grid= to sample its inverse")
+        nodes = field.grid.points
+        source, report = field.inverse(nodes, return_report=True)
+        moved = np.where(report.converged[:, None], source - nodes, 0.0)
+        return cls(field.grid, moved.reshape(*field.grid.shape, 3), report)
+
+    def to_sitk(self) -> Any:
+        """Return a SimpleITK ``DisplacementFieldTransform`` (LPS)."""
+        sitk = require("SimpleITK")
+        vectors = np.ascontiguousarray((self.displacement @ RAS_TO_LPS).transpose(2, 1, 0, 3))
+        image = sitk.GetImageFromArray(vectors, isVector=True)
+        place(image, self.grid)
+        return sitk.DisplacementFieldTransform(image)
+
+    def write(self, path: str | Path) -> None:
+        """Write the transform as an ITK .h5 file; load it in Slicer as a Transform."""
+        require("SimpleITK").WriteTransform(self.to_sitk(), str(path))
+
+    def apply(self, volume: Volume) -> Volume:
+        """Return the deformed image: same geometry, linear interpolation.
+
+        What the deformation draws in from beyond the image becomes its smallest value:
+        black, or air.
+        """
+        sitk = require("SimpleITK")
+        image = to_sitk(volume)
+        background = float(volume.voxels.min())
+        return from_sitk(sitk.Resample(image, image, self.to_sitk(), sitk.sitkLinear, background))

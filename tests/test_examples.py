@@ -1,0 +1,33 @@
+"""Every example runs and gives its one number."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def run(name):
+    return runpy.run_path(str(EXAMPLES / name))
+
+
+def test_every_example_is_tested():
+    assert sorted(path.name for path in EXAMPLES.glob("*.py")) == [
+        "01_push_a_needle.py",
+        "02_warp_an_image.py",
+        "03_choose_a_reading.py",
+    ]
+
+
+def test_push_a_needle():
+    assert run("01_push_a_needle.py")["largest"] == pytest.approx(0.0266, abs=1e-6)
+
+
+def test_warp_an_image():
+    assert run("02_warp_an_image.py")["target_shift"] == pytest.approx(2.25, abs=0.02)
+
+
+def test_choose_a_reading():
+    means = run("03_choose_a_reading.py")["mean_displacement"]
+    assert list(means.values()) == pytest.approx([0.00295, 0.00326, 0.00227], rel=0.01)
