@@ -44,7 +44,7 @@ def test_without_a_volume_it_runs_on_the_phantom(tmp_path, capsys):
     assert written == printed
     assert printed["volume"] == "phantom"
     assert printed["anchors"] == 89
-    assert 0 < printed["landmarks"] <= 200
+    assert 0 < printed["landmarks"] <= 300
     assert printed["max_displacement_mm"] == pytest.approx(0.0266 * 83.25, rel=0.02)
     assert 0.5 < printed["smallest_det_jacobian"] < 1
     assert printed["inverse"]["unconverged_nodes"] == 0
@@ -133,8 +133,8 @@ BAD = {
     "no landmarks": (["--max-landmarks", "0"], "max_landmarks = 0 is too small"),
     "negative smoothing": (["--smoothing", "-1"], "smoothing = -1.0 is out of range"),
     "negative seed": (["--seed", "-1"], "seed = -1 is too small"),
-    "negative parameter": (["--set", "shaft_pull=-1"], "shaft_pull = '-1' is out of range"),
-    "zero radius": (["--set", "shaft_radius=0"], "shaft_radius = '0' is out of range"),
+    "negative parameter": (["--set", "shaft_pull=-1"], "shaft_pull = -1 is out of range"),
+    "zero radius": (["--set", "shaft_radius=0"], "shaft_radius = 0 is out of range"),
     "unknown parameter": (["--set", "f_max=1"], "unknown parameter 'f_max'"),
     "no value": (["--set", "shaft_pull"], "--set 'shaft_pull' is not NAME=VALUE"),
     "no such parameter file": (["--parameters", "nowhere.toml"], "--parameters 'nowhere.toml' cannot be read"),

@@ -1,0 +1,74 @@
+"""Fixtures shared by all rooms: landmarks, tissue, and the two backends of the core."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from scipy.spatial.transform import Rotation
+
+import sonospline as ss
+from sonospline import _core
+
+# The machines are shared, so no deadline; the same examples in every run, so no surprise in CI.
+settings.register_profile("sonospline", deadline=None, max_examples=25, derandomize=True, database=None)
+settings.load_profile("sonospline")
+
+needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+
+
+@pytest.fixture(params=["numpy", pytest.param("core", marks=needs_core)])
+def backend(request, monkeypatch):
+    """Run the test on the NumPy twin, then on the compiled core."""
+    monkeypatch.setattr(_core, "active", _core.twin if request.param == "numpy" else _core.native)
+    return request.param
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260)
+
+
+@pytest.fixture
+def random_landmarks(rng):
+    """(60, 3) landmarks in the unit cube."""
+    return rng.random((60, 3))
+
+
+@pytest.fixture
+def random_values(rng):
+    """(60, 3) displacements of a few per cent of the cube."""
+    return 0.03 * rng.standard_normal((60, 3))
+
+
+@pytest.fixture
+def random_places(rng):
+    """(200, 3) places in and a little around the unit cube."""
+    return rng.uniform(-0.2, 1.2, (200, 3))
+
+
+@pytest.fixture
+def a_rotation():
+    """(3, 3) proper rotation about no axis in particular."""
+    return Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix()
+
+
+@pytest.fixture
+def unit_tissue():
+    return ss.Tissue(ss.Grid.unit_cube(13), entry_face="x-")
+
+
+@pytest.fixture
+def a_tilted_grid(a_rotation):
+    """A rotated, anisotropic grid of odd sizes, away from the origin."""
+    return ss.Grid(shape=(9, 7, 11), spacing=(1.5, 2.0, 0.9), origin=(-30, 12, 7), direction=a_rotation)
+
+
+@pytest.fixture
+def an_oblique_needle():
+    """A needle whose coordinates tie with no node, so that rounding decides nothing."""
+    return ss.Needle(entry=(0, 0.413, 0.578), tip=(0.617, 0.531, 0.469))
+
+
+@pytest.fixture
+def a_deformed_field(unit_tissue, an_oblique_needle):
+    """The field of one insertion into the unit cube."""
+    return ss.Insertion(unit_tissue).advance(an_oblique_needle)
