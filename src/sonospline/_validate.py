@@ -11,10 +11,11 @@ Array = NDArray[np.float64]
 
 
 def vector(name: str, value: ArrayLike) -> Array:
-    """Return three finite numbers as an array."""
-    array = _floats(name, value)
+    """Return three finite numbers as a read-only array of their own."""
+    array = _floats(name, value).copy()
     if array.shape != (3,):
         raise ValueError(f"{name} = {value!r} has shape {array.shape}; give three numbers x, y, z")
+    array.setflags(write=False)
     return _finite(name, array)
 
 
@@ -31,10 +32,10 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
     try:
         result = float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r} is not a number") from None
+        raise ValueError(f"{name} = {value!r} is not a number; give one") from None
     wanted = "above zero" if positive else "at or above zero"
     if not np.isfinite(result) or result < 0 or (positive and result == 0):
-        raise ValueError(f"{name} = {value!r} is out of range; give a finite number {wanted}")
+        raise ValueError(f"{name} = {value} is out of range; give a finite number {wanted}")
     return result
 
 

@@ -55,13 +55,14 @@ class Grid:
     direction: Array = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        shape = tuple(self.shape)
-        if len(shape) != 3:
-            raise ValueError(f"shape = {self.shape!r} has {len(shape)} entries; give nodes along x, y, z")
-        spacing = np.broadcast_to(np.asarray(self.spacing, float), 3)
+        if np.shape(self.shape) != (3,):
+            raise ValueError(f"shape = {self.shape!r} is not three whole numbers; give nodes along x, y, z")
+        spacing = np.ravel(self.spacing)
+        if spacing.size not in (1, 3):
+            raise ValueError(f"spacing = {self.spacing!r} is not one or three numbers; give mm along x, y, z")
         set_ = object.__setattr__
-        set_(self, "shape", tuple(_validate.count("shape", n, least=2) for n in shape))
-        set_(self, "spacing", tuple(_validate.number("spacing", h, positive=True) for h in spacing))
+        set_(self, "shape", tuple(_validate.count("shape", n, least=2) for n in self.shape))
+        set_(self, "spacing", tuple(_validate.number("spacing", h, positive=True) for h in np.broadcast_to(spacing, 3)))
         set_(self, "origin", _validate.vector("origin", self.origin))
         set_(self, "direction", _orthonormal(self.direction))
 
@@ -171,7 +172,10 @@ def face_slice(face: str) -> tuple[slice | int, ...]:
 
 def _orthonormal(direction: ArrayLike) -> Array:
     """The matrix, freed of the rounding that image headers carry."""
-    matrix = np.array(direction, float)
+    try:
+        matrix = np.array(direction, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"direction = {direction!r} is not numeric; give a 3 x 3 matrix") from None
     if matrix.shape != (3, 3) or not np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-4):
         raise ValueError(f"direction = {matrix.tolist()} is not orthonormal; give unit axes as columns")
     left, _, right = np.linalg.svd(matrix)

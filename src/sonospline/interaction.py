@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 TABLE_I_SPACING = 1 / 24
 """k of the 25-node mesh Table I was tuned on: the unit of its tip lengths."""
 
+_TIE = 1e-9
+"""Points this near to being level with the entry or the tip, in needle lengths, count as level."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class NeedleTissueModel:
@@ -121,19 +124,16 @@ def shaft_displacement(points: Array, needle: Needle, model: NeedleTissueModel) 
     the axis: its magnitude is at most d.
     """
     seen = needle.project(points)
-    drag = model.shaft_displacement * np.exp(-(seen.distance**2) / (2 * model.shaft_decay**2))  # (14)
-    pull = model.shaft_pull * np.exp(-(seen.distance**2) / (2 * model.pull_decay**2))  # (16)
-    pull = np.minimum(pull, seen.distance)
-    total = drag[:, None] * needle.direction + pull[:, None] * _inward(points, seen)  # (17)
-    beside = (seen.along >= 0) & (seen.along <= needle.depth) & (seen.distance <= model.shaft_radius)
-    return np.where(beside[:, None], total, 0.0)
+    beside = _beside_shaft(seen, model, needle.depth)
+    return np.where(beside[:, None], _drag_and_pull(points, seen, needle, model), 0.0)
 
 
 def tip_displacement(points: Array, needle: Needle, model: NeedleTissueModel) -> Array:
     """Return the displacement (m, 3) of points (m, 3) ahead of the tip, eqs (19) to (21)."""
     seen = needle.project(points)
+    slack = _TIE * needle.depth
     ahead = seen.along - needle.depth
-    pushed = (ahead > 0) & (ahead <= model.tip_length) & (seen.distance <= model.tip_radius)
+    pushed = (ahead > slack) & (ahead <= model.tip_length + slack) & (seen.distance <= model.tip_radius)
     return np.where(pushed[:, None], model.tip_displacement * needle.direction, 0.0)
 
 
@@ -150,25 +150,71 @@ def accumulated(points: Array, needle: Needle, model: NeedleTissueModel) -> Arra
     the accumulated target). In closed form, so it depends on the pose alone, not on the
     number of steps, and a needle pulled back to a depth gives that depth's field again.
     """
-    shaft = shaft_displacement(points, needle, model)
-    pushed = (activation_depth(points, needle, model) <= needle.depth) & _in_tip_path(points, needle, model)
-    tip = np.where(pushed[:, None], model.tip_displacement * needle.direction, 0.0)
-    stronger = np.linalg.norm(tip, axis=1) > np.linalg.norm(shaft, axis=1)
-    return np.where(stronger[:, None], tip, shaft)
+    return History.of(points, needle, model).at(needle.depth)
 
 
-def activation_depth(points: Array, needle: Needle, model: NeedleTissueModel) -> Array:
-    """Return the depth (m,) from which each point is displaced; infinity where it never is."""
-    seen = needle.project(points)
-    beside = (seen.along >= 0) & (seen.distance <= model.shaft_radius)
-    by_shaft = np.where(beside, seen.along, np.inf)
-    by_tip = np.where(_in_tip_path(points, needle, model), np.maximum(seen.along - model.tip_length, 0.0), np.inf)
-    return np.minimum(by_shaft, by_tip)
+@dataclass(frozen=True, eq=False)
+class History:
+    """What points go through as a needle advances along one axis, at every depth at once.
+
+    A point in the way of the tip is pushed when the tip comes near; when the tip has
+    passed, the shaft drags it, and the stronger of the two counts.
+    """
+
+    along: Array
+    """(m,) tau of each point."""
+    wakes: Array
+    """(m,) depth from which each is displaced; infinity where it never is."""
+    pushed: Array
+    """(m, 3) displacement from that depth on, until the tip passes."""
+    passed: Array
+    """(m, 3) displacement once the tip has passed."""
+
+    @classmethod
+    def of(cls, points: Array, needle: Needle, model: NeedleTissueModel) -> History:
+        """Return the history of points (m, 3) along a needle's axis."""
+        seen = needle.project(points)
+        in_path = (seen.along > 0) & (seen.distance <= model.tip_radius)
+        beside = _beside_shaft(seen, model, np.inf)
+        pushed = np.where(in_path[:, None], model.tip_displacement * needle.direction, 0.0)
+        dragged = np.where(beside[:, None], _drag_and_pull(points, seen, needle, model), 0.0)
+        tip_is_stronger = np.linalg.norm(pushed, axis=1) > np.linalg.norm(dragged, axis=1)
+        by_shaft = np.where(beside, np.maximum(seen.along, 0.0), np.inf)
+        by_tip = np.where(in_path, np.maximum(seen.along - model.tip_length, 0.0), np.inf)
+        return cls(
+            seen.along,
+            np.minimum(by_shaft, by_tip),
+            pushed,
+            np.where(tip_is_stronger[:, None], pushed, dragged),
+        )
+
+    def select(self, chosen: NDArray[np.int64]) -> History:
+        """Return the history of some of the points, by number."""
+        return History(self.along[chosen], self.wakes[chosen], self.pushed[chosen], self.passed[chosen])
+
+    def awake(self, depth: float) -> int:
+        """Return how many points are displaced at a depth, where they are sorted by ``wakes``."""
+        return int(np.searchsorted(self.wakes, depth * (1 + _TIE), side="right"))
+
+    def at(self, depth: float, count: int | None = None) -> Array:
+        """Return the displacement at a depth of the first ``count`` points (all by default)."""
+        first = slice(count)
+        reached = depth * (1 + _TIE)
+        displaced = np.where((self.along[first] <= reached)[:, None], self.passed[first], self.pushed[first])
+        return np.where((self.wakes[first] <= reached)[:, None], displaced, 0.0)
 
 
-def _in_tip_path(points: Array, needle: Needle, model: NeedleTissueModel) -> NDArray[np.bool_]:
-    seen = needle.project(points)
-    return (seen.along > 0) & (seen.distance <= model.tip_radius)
+def _beside_shaft(seen: Projection, model: NeedleTissueModel, depth: float) -> NDArray[np.bool_]:
+    """Points the shaft acts on; those level with its ends count, whatever the rounding."""
+    slack = _TIE * max(model.shaft_radius, 0.0 if np.isinf(depth) else depth)
+    return (seen.along >= -slack) & (seen.along <= depth + slack) & (seen.distance <= model.shaft_radius)
+
+
+def _drag_and_pull(points: Array, seen: Projection, needle: Needle, model: NeedleTissueModel) -> Array:
+    drag = model.shaft_displacement * np.exp(-(seen.distance**2) / (2 * model.shaft_decay**2))  # (14)
+    pull = model.shaft_pull * np.exp(-(seen.distance**2) / (2 * model.pull_decay**2))  # (16)
+    pull = np.minimum(pull, seen.distance)
+    return drag[:, None] * needle.direction + pull[:, None] * _inward(points, seen)  # (17)
 
 
 def _inward(points: Array, seen: Projection) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ class Projection(NamedTuple):
     """(m,) d: distance from the axis, eq. (13)."""
 
 
+@dataclass(frozen=True, eq=False, init=False)
 class Needle:
     """A rigid needle of zero width, entry n_s and tip n_t in world coordinates (mm).
 
@@ -47,9 +49,12 @@ class Needle:
     (0.6, [1.0, 0.0, 0.0])
     """
 
+    entry: Array
+    tip: Array
+
     def __init__(self, entry: ArrayLike, tip: ArrayLike) -> None:
-        self.entry: Array = _validate.vector("entry", entry)
-        self.tip: Array = _validate.vector("tip", tip)
+        object.__setattr__(self, "entry", _validate.vector("entry", entry))
+        object.__setattr__(self, "tip", _validate.vector("tip", tip))
         if self.depth <= 1e-12 * max(1.0, float(np.abs(self.entry).max())):
             raise ValueError(f"tip = {self.tip.tolist()} equals the entry; move the tip off the entry point")
 

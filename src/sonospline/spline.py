@@ -1,41 +1,31 @@
-"""The polyharmonic spline: equations (1) to (8). Factor once, solve many times."""
+"""The polyharmonic spline: equations (1) to (8). Factor once, append landmarks, solve many times."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _validate
+from .anchored import AnchoredSystem
 from .field import KernelField
 from .grid import Grid
 from .kernels import Biharmonic, Kernel
 
 Array = NDArray[np.float64]
 
+logger = logging.getLogger(__name__)
+
 COINCIDENT = 1e-10
 """Points nearer than this, in units of their spread, count as one."""
 EPSILON_LIMIT = 0.3
 """The paper's +eps is refused from this fraction of the smallest landmark distance on;
 the system is first singular at 0.40 of the spacing of a lattice."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """Shift and scale that bring landmarks to the order of one, whatever their unit."""
-
-    centre: Array
-    scale: float
-
-    @classmethod
-    def of(cls, points: Array) -> _Frame:
-        low, high = points.min(axis=0), points.max(axis=0)
-        scale = float((high - low).max()) / 2
-        return cls((low + high) / 2, scale if scale > 0 else 1.0)
-
-    def to(self, points: Array) -> Array:
-        return (points - self.centre) / self.scale
+_CHECKED = 16
+"""Landmarks whose equation is checked after each solve."""
+_RESIDUAL_LIMIT = 1e-9
+"""Largest residual of those equations, relative to the values, before everything is factored anew."""
 
 
 class PolyharmonicSpline:
@@ -48,8 +38,9 @@ class PolyharmonicSpline:
               \begin{bmatrix} w \\ a \end{bmatrix} = \begin{bmatrix} v \\ 0 \end{bmatrix},
               \qquad u(x) = a_0 + A x + \sum_j w_j U(\|x - c_j\|)
 
-    The matrix depends on the landmarks alone: it is factored when the object is made, and
-    :meth:`solve` then costs O(n^2) for each set of displacements.
+    The matrix depends on the landmarks alone, so it is factored when the object is made,
+    extended by :meth:`append`, cut back by :meth:`truncate`, and :meth:`solve` then costs
+    O(n^2) for each set of displacements.
 
     Parameters
     ----------
@@ -88,19 +79,27 @@ class PolyharmonicSpline:
         smoothing: float = 0.0,
         paper_epsilon: float = 0.0,
     ) -> None:
-        self.points = _validate.points("points", points)
+        points = _validate.points("points", points)
         self.kernel = Biharmonic() if kernel is None else kernel
-        smoothing = _validate.number("smoothing", smoothing)
-        paper_epsilon = _validate.number("paper_epsilon", paper_epsilon)
-        _refuse_degenerate(self.points)
-        self._frame = _Frame.of(self.points)
-        nearest = _refuse_coincident(self._frame.to(self.points), allowed=smoothing > 0)
-        _refuse_singular(paper_epsilon, nearest * self._frame.scale)
-        # smoothing s pushes the spectrum away from zero; the paper's eps is +eps whatever the sign
-        diagonal = self.kernel.sign * smoothing + paper_epsilon
-        from scipy.linalg import lu_factor  # a quarter of a second to import: only where used
-
-        self._factor = lu_factor(self._system(diagonal / self._frame.scale**self.kernel.homogeneity))
+        self._smoothing = _validate.number("smoothing", smoothing)
+        epsilon = _validate.number("paper_epsilon", paper_epsilon)
+        _refuse_degenerate(points)
+        self._centre = (points.min(axis=0) + points.max(axis=0)) / 2
+        self._scale = float(np.ptp(points, axis=0).max()) / 2
+        nearest = self._refuse_coincident(np.empty((0, 3)), self._local(points))
+        if self.kernel.sign < 0:  # +eps regularises a positive definite kernel
+            _refuse_singular(epsilon, nearest * self._scale)
+        # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
+        self._diagonal = self._smoothing + self.kernel.sign * epsilon
+        self.points = points.copy()
+        """(n, 3) landmarks, in the order given and appended."""
+        self._first_size = len(points)
+        self._base = _spread_out(points)
+        self._rest = np.setdiff1d(np.arange(len(points)), self._base)
+        self._system = AnchoredSystem(
+            self.kernel, self._local(points[self._base]), self._diagonal / self._scale**self.kernel.homogeneity
+        )
+        self._system.append(self._local(points[self._rest]))
 
     @classmethod
     def fit(
@@ -125,6 +124,29 @@ class PolyharmonicSpline:
         spline = cls(points, kernel=kernel, smoothing=smoothing, paper_epsilon=paper_epsilon)
         return spline.solve(values, grid=grid)
 
+    def append(self, points: ArrayLike) -> None:
+        """Add landmarks (m, 3) after the present ones, in O(m n^2).
+
+        Raises
+        ------
+        ValueError
+            One of them coincides with another; the spline is then as it was.
+        """
+        new = _validate.points("points", points)
+        local = self._local(new)
+        self._refuse_coincident(self._local(self.points), local)
+        self._system.append(local)
+        self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(self.points) + len(new))])
+        self.points = np.concatenate([self.points, new])
+
+    def truncate(self, size: int) -> None:
+        """Drop the landmarks from number ``size`` on; those given at the start always stay."""
+        if not self._first_size <= size <= len(self.points):
+            raise ValueError(f"size = {size} is out of range; give {self._first_size} to {len(self.points)}")
+        self._system.truncate(size - 4)
+        self._rest = self._rest[: size - 4]
+        self.points = self.points[:size]
+
     def solve(self, values: ArrayLike, *, grid: Grid | None = None) -> KernelField:
         """Return the field that takes ``values`` (n, 3) at the landmarks.
 
@@ -135,31 +157,49 @@ class PolyharmonicSpline:
         grid : Grid, optional
             The lattice that ``field.on_grid()`` will use.
         """
-        from scipy.linalg import lu_solve
-
         values = _matching_values(self.points, values)
-        solution = lu_solve(self._factor, np.vstack([values, np.zeros((4, 3))]))
-        weights, affine = solution[: len(values)], solution[len(values) :]
-        scale = self._frame.scale
+        field = self._solve(values, grid)
+        residual = self._residual(field, values)
+        if residual > _RESIDUAL_LIMIT:
+            logger.warning("residual %.1e: factoring all %d landmarks anew", residual, len(self.points))
+            self._system.refactor()
+            field = self._solve(values, grid)
+        return field
+
+    def _solve(self, values: Array, grid: Grid | None) -> KernelField:
+        solution = self._system.solve(values[self._base], values[self._rest])
+        weights = np.empty_like(values)
+        weights[self._base], weights[self._rest] = solution.corner_weights, solution.weights
+        scale = self._scale
         return KernelField(
             kernel=self.kernel,
             centres=self.points,
             weights=weights / scale**self.kernel.homogeneity,
-            affine=affine / np.array([1.0, scale, scale, scale])[:, None],
-            reference=self._frame.centre,
+            affine=solution.affine / np.array([1.0, scale, scale, scale])[:, None],
+            reference=self._centre,
             grid=grid,
         )
 
-    def _system(self, diagonal: float) -> Array:
-        """The matrix L of eq. (6), landmarks in the spline's own frame."""
-        local = self._frame.to(self.points)
-        n = len(local)
-        system = np.zeros((n + 4, n + 4))
-        system[:n, :n] = self.kernel.matrix(local, local)  # (2), (3)
-        system[np.arange(n), np.arange(n)] += diagonal  # (4)
-        system[:n, n], system[:n, n + 1 :] = 1.0, local  # (5)
-        system[n:, :n] = system[:n, n:].T
-        return system
+    def _residual(self, field: KernelField, values: Array) -> float:
+        """How far some landmarks are from their values, relative to the largest value."""
+        largest = float(np.abs(values).max())
+        if largest == 0:
+            return 0.0
+        checked = np.unique(np.linspace(0, len(self.points) - 1, _CHECKED).astype(int))
+        met = field.displacement(self.points[checked])
+        met += self.kernel.sign * self._diagonal * field.weights[checked]
+        return float(np.abs(met - values[checked]).max()) / largest
+
+    def _local(self, points: Array) -> Array:
+        """Landmarks in units of their own spread, so that no unit of length matters."""
+        return (points - self._centre) / self._scale
+
+    def _refuse_coincident(self, old: Array, new: Array) -> float:
+        """Return the smallest distance of new landmarks from one another and from old ones."""
+        distance, i, j = _closest_pair(old, new)
+        if distance < COINCIDENT and self._smoothing == 0:
+            raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero")
+        return distance
 
 
 def _matching_values(points: Array, values: ArrayLike) -> Array:
@@ -177,31 +217,44 @@ def _refuse_degenerate(points: Array) -> None:
         raise ValueError("points all lie in one plane; add a landmark off that plane")
 
 
-def _nearest_pairs(local: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Distance to, and index of, the nearest earlier landmark of each one (infinity for the first)."""
-    distance = _core.active.kernel_matrix(0, local, local)
-    distance[np.triu_indices(len(local))] = np.inf
-    return distance.min(axis=1), distance.argmin(axis=1)
+def _spread_out(points: Array) -> NDArray[np.int64]:
+    """Four landmarks far from one another: the farthest, then those that widen line, plane and body most."""
+    first = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
+    chosen, left = [first], points - points[first]
+    for _ in range(3):
+        size = np.linalg.norm(left, axis=1)
+        chosen.append(int(np.argmax(size)))
+        axis = left[chosen[-1]] / size[chosen[-1]]
+        left = left - np.outer(left @ axis, axis)
+    return np.array(chosen)
 
 
-def _refuse_coincident(local: Array, *, allowed: bool) -> float:
-    nearest, partner = _nearest_pairs(local)
-    closest = int(nearest.argmin())
-    if nearest[closest] < COINCIDENT and not allowed:
-        raise ValueError(
-            f"points {int(partner[closest])} and {closest} coincide; remove one of them or set smoothing above zero"
-        )
-    return float(nearest[closest])
+def _earlier_distances(old: Array, new: Array) -> Array:
+    """Distance of each new landmark from all before it, (m, n + m); infinity from itself on."""
+    distance = _core.active.kernel_matrix(0, new, np.concatenate([old, new]))
+    corner = distance[:, len(old) :]
+    corner[np.triu(np.ones(corner.shape, bool))] = np.inf
+    return distance
+
+
+def _closest_pair(old: Array, new: Array) -> tuple[float, int, int]:
+    """Smallest distance of a new landmark from an earlier one, and the two numbers."""
+    distance = _earlier_distances(old, new)
+    if distance.size == 0:
+        return np.inf, 0, 0
+    i, j = np.unravel_index(int(distance.argmin()), distance.shape)
+    return float(distance[i, j]), len(old) + int(i), int(j)
 
 
 def _merge_coincident(points: Array, values: Array) -> tuple[Array, Array]:
-    nearest, partner = _nearest_pairs(_Frame.of(points).to(points))
-    twins = np.flatnonzero(nearest < COINCIDENT)
-    for twin in twins:
-        if not np.allclose(values[twin], values[partner[twin]], rtol=1e-9, atol=0):
+    spread = float(np.ptp(points, axis=0).max()) or 1.0
+    distance = _earlier_distances(np.empty((0, 3)), (points - points[0]) / (spread / 2))
+    twins, partners = np.nonzero(distance < COINCIDENT)
+    for twin, partner in zip(twins, partners, strict=True):
+        if not np.allclose(values[twin], values[partner], rtol=1e-9, atol=0):
             raise ValueError(
-                f"points {partner[twin]} and {twin} coincide but values differ "
-                f"({values[partner[twin]].tolist()} and {values[twin].tolist()}); keep one of them"
+                f"points {partner} and {twin} coincide but values differ "
+                f"({values[partner].tolist()} and {values[twin].tolist()}); keep one of them"
             )
     keep = np.setdiff1d(np.arange(len(points)), twins)
     return points[keep], values[keep]

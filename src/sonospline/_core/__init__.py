@@ -32,7 +32,27 @@ def _choose(wanted: str) -> ModuleType:
     if wanted == "numpy" or native is None:
         logger.info("running on the NumPy twin of the compiled core")
         return twin
+    _choose_instruction_set(os.environ.get("SONOSPLINE_ISA", ""))
+    _choose_threads(os.environ.get("SONOSPLINE_THREADS", ""))
     return native
+
+
+def _choose_instruction_set(wanted: str) -> None:
+    if not wanted:
+        return
+    try:
+        native.use_instruction_set(wanted)
+    except ValueError:
+        available = ", ".join(native.instruction_sets())
+        raise ImportError(f"SONOSPLINE_ISA={wanted!r} cannot run here; use one of {available}") from None
+
+
+def _choose_threads(wanted: str) -> None:
+    if not wanted:
+        return
+    if not wanted.isdecimal() or int(wanted) < 1:
+        raise ImportError(f"SONOSPLINE_THREADS={wanted!r} is not a number of threads; use 1 or more")
+    native.set_thread_count(int(wanted))
 
 
 active = _choose(os.environ.get("SONOSPLINE_BACKEND", ""))

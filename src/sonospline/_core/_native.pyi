@@ -1,3 +1,4 @@
+from .twin import CholeskyFactor as CholeskyFactor
 from .twin import gradient_at_points as gradient_at_points
 from .twin import kernel_matrix as kernel_matrix
 from .twin import sum_at_points_f32 as sum_at_points_f32

@@ -103,3 +103,41 @@ def gradient_at_points(kernel: int, points: Array, centres: Array, weights: Arra
 
 def kernel_matrix(kernel: int, points: Array, centres: Array) -> Array:
     return _VALUE[kernel](_distances(points, centres))
+
+
+class CholeskyFactor:
+    """A Cholesky factor that grows by rows and can be cut back."""
+
+    def __init__(self) -> None:
+        self._factor = np.zeros((0, 0))
+
+    @property
+    def size(self) -> int:
+        """Rows factored so far."""
+        return len(self._factor)
+
+    def append(self, rows: Array, smallest_pivot: float) -> bool:
+        """Append rows (m, size + m) of the matrix; False, and no change, at too small a pivot."""
+        from scipy.linalg import solve_triangular
+
+        old = self.size
+        left = solve_triangular(self._factor, rows[:, :old].T, lower=True).T
+        try:
+            corner = np.linalg.cholesky(rows[:, old:] - left @ left.T)
+        except np.linalg.LinAlgError:
+            return False
+        if len(corner) and np.diag(corner).min() ** 2 <= smallest_pivot:
+            return False
+        self._factor = np.block([[self._factor, np.zeros((old, len(rows)))], [left, corner]])
+        return True
+
+    def truncate(self, size: int) -> None:
+        """Drop all rows from ``size`` on."""
+        self._factor = self._factor[:size, :size]
+
+    def solve(self, x: Array, first: int = 0) -> None:
+        """Solve A x = b in place for right-hand sides (3, size) that are zero before row ``first``."""
+        from scipy.linalg import solve_triangular
+
+        x[:, first:] = solve_triangular(self._factor[first:, first:], x[:, first:].T, lower=True).T
+        x[:] = solve_triangular(self._factor, x.T, lower=True, trans="T").T

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--kernel", default="biharmonic", choices=tuple(KERNELS), help="spline kernel (biharmonic)")
     how.add_argument("--smoothing", type=float, default=0.0, metavar="S", help="0 meets every landmark (0)")
     how.add_argument("--anchors", type=int, default=5, metavar="N", help="anchors a face side (5)")
-    how.add_argument("--max-landmarks", type=int, default=200, metavar="N", help="most landmarks (200)")
+    how.add_argument("--max-landmarks", type=int, default=300, metavar="N", help="most landmarks (300)")
     how.add_argument(
         "--accumulation",
         default="maximum",

@@ -13,6 +13,8 @@
 #include "parallel.hpp"
 #include "sums.hpp"
 
+#include "bindings_cholesky.hpp"
+
 namespace nb = nanobind;
 using namespace nb::literals;
 
@@ -83,6 +85,7 @@ std::vector<std::string> instruction_sets() {
 }  // namespace
 
 NB_MODULE(_native, m) {
+    bind_cholesky(m);
     m.def("sum_at_points_f32", &sum_at_points<float>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
     m.def("sum_at_points_f64", &sum_at_points<double>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
     m.def("sum_on_lattice_f32", &sum_on_lattice<float>, "kernel"_a, "shape"_a, "spacing"_a, "centres"_a,

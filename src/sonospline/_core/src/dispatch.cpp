@@ -1,6 +1,5 @@
 // Chooses, at run time, among the copies of kernels.cpp.
 #include <atomic>
-#include <cstdlib>
 #include <cstring>
 
 #include "kernels.hpp"
@@ -54,10 +53,7 @@ bool choose_kernels(const char *name) {
 }
 
 const KernelTable &kernels() {
-    if (!chosen.load()) {
-        const char *wanted = std::getenv("SONOSPLINE_ISA");
-        if (!wanted || !choose_kernels(wanted)) chosen.store(available().tables[0]);
-    }
+    if (!chosen.load()) chosen.store(available().tables[0]);
     return *chosen.load();
 }
 

@@ -20,8 +20,11 @@ template <class T> struct Tile {
     alignas(64) T x[kTile], y[kTile], z[kTile];
 };
 
+struct CholeskyKernels;
+
 struct KernelTable {
     const char *name;
+    const CholeskyKernels *cholesky;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);

@@ -5,10 +5,8 @@
 
 #include <atomic>
 #include <condition_variable>
-#include <cstdlib>
 #include <memory>
 #include <mutex>
-#include <string>
 #include <thread>
 #include <vector>
 
@@ -16,10 +14,6 @@ namespace sono {
 namespace {
 
 int default_thread_count() {
-    if (const char *text = std::getenv("SONOSPLINE_THREADS")) {
-        const int wanted = std::atoi(text);
-        if (wanted > 0) return wanted;
-    }
 #ifdef __linux__
     cpu_set_t mask;
     if (sched_getaffinity(0, sizeof mask, &mask) == 0) return CPU_COUNT(&mask);

@@ -1,0 +1,38 @@
+#include "bindings_cholesky.hpp"
+
+#include <nanobind/ndarray.h>
+
+#include <vector>
+
+#include "cholesky.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Columns = nb::ndarray<double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
+
+bool append(sono::CholeskyFactor &factor, Matrix rows, double smallest_pivot) {
+    if (rows.shape(1) != factor.size() + rows.shape(0)) throw nb::value_error("rows must be (m, size + m)");
+    nb::gil_scoped_release release;
+    return factor.append(rows.data(), rows.shape(0), smallest_pivot);
+}
+
+void solve(const sono::CholeskyFactor &factor, Columns x, std::size_t first) {
+    if (x.shape(1) != factor.size()) throw nb::value_error("x must be (3, size)");
+    nb::gil_scoped_release release;
+    factor.solve(x.data(), first);
+}
+
+}  // namespace
+
+void bind_cholesky(nb::module_ &m) {
+    nb::class_<sono::CholeskyFactor>(m, "CholeskyFactor")
+        .def(nb::init<>())
+        .def_prop_ro("size", &sono::CholeskyFactor::size)
+        .def("append", &append, "rows"_a, "smallest_pivot"_a)
+        .def("truncate", &sono::CholeskyFactor::truncate, "size"_a)
+        .def("solve", &solve, "x"_a, "first"_a = 0);
+}

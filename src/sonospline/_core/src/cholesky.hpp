@@ -1,0 +1,36 @@
+// A Cholesky factor that grows row by row and can be cut back: landmarks are
+// appended as the needle advances, and dropped as it is pulled back.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace sono {
+
+class CholeskyFactor {
+  public:
+    std::size_t size() const { return size_; }
+
+    /// Appends m rows of a positive definite matrix, given as (m, size + m); only the part up
+    /// to the diagonal is read. Returns false, and leaves the factor as it was, where a pivot
+    /// is at or below `smallest_pivot`.
+    bool append(const double *rows, std::size_t m, double smallest_pivot);
+
+    /// Drops all rows from `size` on.
+    void truncate(std::size_t size);
+
+    /// Solves A x = b in place for three right-hand sides (3, size), zero before row `first`.
+    void solve(double *x, std::size_t first) const;
+
+  private:
+    void reserve(std::size_t rows);
+    bool factor_panel(std::size_t begin, std::size_t end, std::size_t columns_from, std::size_t columns,
+                      double smallest_pivot);
+    double *row(std::size_t i) { return data_.data() + i * stride_; }
+
+    std::vector<double> data_;
+    std::size_t stride_ = 0;
+    std::size_t size_ = 0;
+};
+
+}  // namespace sono
