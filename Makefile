@@ -11,7 +11,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 run: .venv/run.stamp  ## push a needle into the generated phantom and say where the picture is
 	$(BIN)/sonospline insert --out $(OUT)
 
-test: lint types check docs  ## everything CI runs
+test: lint types docs .venv/dev.stamp  ## everything CI runs
+	$(BIN)/pytest -n 2
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .
@@ -21,7 +22,7 @@ types: .venv/dev.stamp
 	$(BIN)/mypy
 
 check: .venv/dev.stamp
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 -m "not slow"
 
 docs: .venv/dev.stamp
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build

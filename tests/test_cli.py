@@ -1,12 +1,17 @@
 """The command line as a user meets it: outputs, messages, exit codes, and nothing left behind."""
 
+import contextlib
+import io
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import sonospline as ss
 from sonospline import cli
@@ -228,3 +233,31 @@ def test_on_real_images(name, entry, target, suffix, tmp_path, capsys):
     again = sitk.GetArrayFromImage(sitk.Resample(before, before, transform, sitk.sitkLinear))
     inner = (slice(3, -3),) * 3
     assert np.abs(again[inner].astype(int) - sitk.GetArrayFromImage(after)[inner]).max() <= 1
+
+
+INSIDE = st.tuples(*[st.floats(8, 30)] * 3).map(lambda p: ",".join(map(repr, p)))
+ODD = st.sampled_from(["nan", "inf", "-inf", "", "x", "1e400", "--", "0x1", "-3", "700"])
+ANYTHING = st.lists(ODD, min_size=1, max_size=4).map(",".join)
+
+
+@given(
+    entry=INSIDE | ANYTHING,
+    target=INSIDE | ANYTHING,
+    frame=st.sampled_from(["RAS", "RAS", "LPS", "IJK"]),
+    steps=st.integers(-1, 3),
+    radius=st.floats(-1, 30).map(repr) | st.just("wide"),
+)
+@settings(max_examples=60)
+def test_any_needle_either_works_or_is_refused_in_one_line(volume_file, entry, target, frame, steps, radius):
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()) as said:
+        out = Path(folder) / "out"
+        code = cli.main(
+            [
+                *("insert", f"--volume={volume_file}", f"--entry={entry}", f"--target={target}", f"--frame={frame}"),
+                *(f"--steps={steps}", f"--set=shaft_radius={radius}", "--nodes=300", f"--out={out}", "--quiet"),
+            ]
+        )
+        assert code in (0, 2)
+        assert out.exists() == (code == 0)
+        if code == 2:
+            assert said.getvalue().count("\n") == 1

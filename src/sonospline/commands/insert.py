@@ -129,7 +129,7 @@ def _needle(args: argparse.Namespace, volume: Volume) -> Needle:
 
 def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in str(text).split(",")]
     except ValueError:
         numbers = []
     if len(numbers) != 3:
