@@ -152,7 +152,7 @@ def test_a_bad_residual_is_said_and_mended(monkeypatch, caplog):
         if spoilt:
             return solution
         spoilt.append(True)
-        return Solution(solution.corner_weights, solution.weights * 1.001, solution.affine)
+        return Solution(solution.base_weights, solution.weights * 1.001, solution.affine)
 
     monkeypatch.setattr(anchored.AnchoredSystem, "solve", solve)
     with caplog.at_level(logging.WARNING):

@@ -215,7 +215,7 @@ def test_epsilon_just_below_its_limit_is_still_solved(rng):
 
 
 def test_solve_refuses_values_of_another_length():
-    with pytest.raises(ValueError, match=r"values has 26 rows for 27 points; give one row a landmark"):
+    with pytest.raises(ValueError, match=r"values has 26 rows for 27 landmarks; give one row a landmark"):
         ss.PolyharmonicSpline(CUBE).solve(CUBE[:26])
 
 

@@ -1,17 +1,18 @@
-"""The spline's system with its affine part eliminated: positive definite, and able to grow.
+"""The spline's system with a fixed base eliminated: positive definite, and able to grow.
 
-Subtracting from a kernel its affine interpolant at four corners, in both arguments, leaves
-a kernel that vanishes there and is definite (up to its sign) everywhere else:
+Some landmarks never change: at least four corners, at most every node of the pinned faces.
+With their kernel matrix K_bb and affine rows R_b, b(x) = (K(x, base), 1, x) and the
+symmetric matrix M = [[K_bb, R_b], [R_b^T, 0]], the reduced kernel
 
-    G(x, y) = K(x, y) - l(x).k(y) - k(x).l(y) + l(x).K_cc.l(y)
+    G(x, y) = K(x, y) - b(x) . M^-1 b(y)
 
-with l the barycentric coordinates for the corners, k the kernel to them and K_cc the kernel
-among them. The paper's indefinite saddle-point matrix (6) thus becomes a Cholesky factor,
-to which a landmark is appended by one row.
+vanishes on the base and is definite (up to its sign) everywhere else. The paper's
+indefinite matrix (6) thus becomes a Cholesky factor, and a landmark costs one row of it.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +26,46 @@ Array = NDArray[np.float64]
 _SMALLEST_PIVOT = 1e-14
 
 
+class Base(ABC):
+    """Landmarks that stay: what the reduced kernel needs to know of them."""
+
+    size: int
+    """Number of landmarks of the base."""
+
+    @abstractmethod
+    def columns(self, points: Array) -> Array:
+        """Return b(x) for points (m, 3), as (m, size + 4)."""
+
+    @abstractmethod
+    def solve(self, columns: Array) -> Array:
+        """Return M^-1 applied to each row of (m, size + 4)."""
+
+
+class CornerBase(Base):
+    """Four landmarks that span a tetrahedron; they carry the affine part and nothing else."""
+
+    def __init__(self, kernel: Kernel, corners: Array, diagonal: float) -> None:
+        self.size = len(corners)
+        self._kernel = kernel
+        self._corners = corners
+        matrix = np.zeros((8, 8))
+        matrix[:4, :4] = kernel.matrix(corners, corners) + kernel.sign * diagonal * np.eye(4)
+        matrix[:4, 4:] = np.column_stack([np.ones(4), corners])
+        matrix[4:, :4] = matrix[:4, 4:].T
+        self._inverse = np.linalg.inv(matrix)
+
+    def columns(self, points: Array) -> Array:
+        return np.column_stack([self._kernel.matrix(points, self._corners), np.ones(len(points)), points])
+
+    def solve(self, columns: Array) -> Array:
+        return columns @ self._inverse
+
+
 class Solution(NamedTuple):
     """Weights and affine part of one solve."""
 
-    corner_weights: Array
-    """(4, 3)"""
+    base_weights: Array
+    """(b, 3)"""
     weights: Array
     """(n, 3)"""
     affine: Array
@@ -37,56 +73,43 @@ class Solution(NamedTuple):
 
 
 class AnchoredSystem:
-    """K w + R a = v, R^T w = 0 for four corners and a growing list of other landmarks.
+    """K w + R a = v, R^T w = 0 for a base and a growing list of other landmarks.
 
     Parameters
     ----------
     kernel : Kernel
         K.
-    corners : (4, 3) ndarray
-        Landmarks that span a tetrahedron, coordinates of the order of one.
+    base : Base
+        The landmarks that stay.
     diagonal : float
         Added to the diagonal of ``kernel.sign * K``; above zero it regularises.
     """
 
-    def __init__(self, kernel: Kernel, corners: Array, diagonal: float) -> None:
+    def __init__(self, kernel: Kernel, base: Base, diagonal: float) -> None:
         self._kernel = kernel
+        self._base = base
         self._diagonal = diagonal
-        self._corners = corners
-        self._among_corners = kernel.matrix(corners, corners) + kernel.sign * diagonal * np.eye(4)
-        self._barycentric = np.linalg.inv(np.column_stack([np.ones(4), corners]))
         self._points = np.empty((0, 3))
-        self._coordinates = np.empty((0, 4))
-        self._to_corners = np.empty((0, 4))
+        self._solved = np.empty((0, base.size + 4))  # M^-1 b of each landmark
         self._factor = _core.active.CholeskyFactor()
-
-    @property
-    def size(self) -> int:
-        """Number of landmarks besides the corners."""
-        return self._factor.size
 
     def append(self, points: Array) -> None:
         """Add landmarks (m, 3), in O(m n^2); ValueError where the system would be singular."""
-        coordinates = np.column_stack([np.ones(len(points)), points]) @ self._barycentric
-        to_corners = self._kernel.matrix(points, self._corners)
+        columns = self._base.columns(points)
         all_points = np.concatenate([self._points, points])
-        all_coordinates = np.concatenate([self._coordinates, coordinates])
-        all_to_corners = np.concatenate([self._to_corners, to_corners])
+        all_solved = np.concatenate([self._solved, self._base.solve(columns)])
         rows = self._kernel.matrix(points, all_points)
-        rows -= coordinates @ all_to_corners.T
-        rows += (coordinates @ self._among_corners - to_corners) @ all_coordinates.T
+        rows -= columns @ all_solved.T
         rows *= self._kernel.sign
-        np.einsum("ii->i", rows[:, self.size :])[:] += self._diagonal
+        np.einsum("ii->i", rows[:, len(self._points) :])[:] += self._diagonal
         if not self._factor.append(rows, _SMALLEST_PIVOT):
             raise ValueError("points are too close to one another to be told apart; thin them out or set smoothing")
-        self._points, self._coordinates, self._to_corners = all_points, all_coordinates, all_to_corners
+        self._points, self._solved = all_points, all_solved
 
     def truncate(self, size: int) -> None:
         """Drop the landmarks from number ``size`` on."""
         self._factor.truncate(size)
-        self._points = self._points[:size]
-        self._coordinates = self._coordinates[:size]
-        self._to_corners = self._to_corners[:size]
+        self._points, self._solved = self._points[:size], self._solved[:size]
 
     def refactor(self) -> None:
         """Factor everything anew."""
@@ -94,14 +117,15 @@ class AnchoredSystem:
         self.truncate(0)
         self.append(points)
 
-    def solve(self, at_corners: Array, values: Array) -> Solution:
-        """Solve for values (4, 3) at the corners and (n, 3) at the other landmarks."""
-        if at_corners.any():
-            values = values - self._coordinates @ at_corners
+    def solve(self, at_base: Array, values: Array) -> Solution:
+        """Solve for values (b, 3) at the base and (n, 3) at the first n other landmarks."""
+        solved = self._solved[: len(values)]
+        base_part = np.zeros((self._base.size + 4, 3))
+        if at_base.any():
+            values = values - solved[:, : self._base.size] @ at_base
+            base_part = self._base.solve(np.hstack([at_base.T, np.zeros((3, 4))])).T
         first = int(np.argmax(values.any(axis=1))) if len(values) else 0  # anchors come first, and are zero
         solution = np.ascontiguousarray(self._kernel.sign * values.T)
         self._factor.solve(solution, first)
-        corner_weights = -(solution @ self._coordinates).T
-        # What the kernel sum leaves of the values at the corners is affine.
-        sums = self._among_corners @ corner_weights + (solution @ self._to_corners).T
-        return Solution(corner_weights, solution.T, self._barycentric @ (at_corners - sums))
+        base_part -= (solution @ solved).T
+        return Solution(base_part[: self._base.size], solution.T, base_part[self._base.size :])

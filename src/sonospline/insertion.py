@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _validate
+from .faces import Progress
 from .field import ComposedField, Field, KernelField
 from .interaction import NeedleTissueModel, interaction
 from .kernels import Biharmonic, Kernel
@@ -36,8 +37,10 @@ class Insertion:
         Its effect on the tissue; by default Table I scaled to the grid's side.
     kernel : Kernel, default: Biharmonic()
         The spline's kernel.
-    anchors : int, default: 5
-        Anchors along each side of a pinned face: 5 x 5 a face are 89 on a cube.
+    anchors : int or "all", default: 5
+        Anchors along each side of a pinned face: 5 x 5 a face are 89 on a cube. They hold
+        the faces to a few per cent of the peak between them. ``"all"`` pins every node of
+        the faces; the first time on a grid this takes seconds, then it is read from disk.
     max_landmarks : int, default: 300
         Most landmarks over the whole way the needle could go.
     smoothing : float, default: 0.0
@@ -48,6 +51,8 @@ class Insertion:
         field depends on the needle's pose alone, so pulling back and re-inserting work.
         ``"incremental"``: Algorithm 1 as printed, every step displaces the mesh the last
         one left; use :meth:`NeedleTissueModel.paper_incremental` with it.
+    progress : callable, optional
+        Called as ``progress(done, of)`` during the set-up of ``anchors="all"``.
 
     Examples
     --------
@@ -67,10 +72,11 @@ class Insertion:
         model: NeedleTissueModel | None = None,
         *,
         kernel: Kernel | None = None,
-        anchors: int = 5,
+        anchors: int | Literal["all"] = 5,
         max_landmarks: int = 300,
         smoothing: float = 0.0,
         accumulation: Accumulation = "maximum",
+        progress: Progress | None = None,
     ) -> None:
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
@@ -80,8 +86,9 @@ class Insertion:
         self.smoothing = _validate.number("smoothing", smoothing)
         self.accumulation = _validate.choice("accumulation", accumulation, ("maximum", "incremental"))
         self.max_landmarks = _validate.count("max_landmarks", max_landmarks)
-        self.anchors = select_anchors(tissue, _validate.count("anchors", anchors, least=2))
-        self._spline = self._new_spline(self.anchors)
+        self._pins_all_nodes = anchors == "all"
+        self._spline = self._anchored_spline(anchors, progress)
+        self.anchors = self._spline.points
         self.reset()
 
     def reset(self) -> None:
@@ -92,6 +99,17 @@ class Insertion:
         self._factored_plan: LandmarkPlan | None = None
         self._spline.truncate(len(self.anchors))
         self.field: Field = self._spline.solve(np.zeros_like(self.anchors), grid=self.tissue.grid)
+
+    def _anchored_spline(self, anchors: int | str, progress: Progress | None) -> PolyharmonicSpline:
+        if anchors == "all":
+            if self.accumulation == "incremental":
+                raise ValueError(
+                    "anchors = 'all' needs accumulation='maximum'; the moving mesh is factored anew each step"
+                )
+            return PolyharmonicSpline.pinning_faces(
+                self.tissue, kernel=self.kernel, smoothing=self.smoothing, progress=progress
+            )
+        return self._new_spline(select_anchors(self.tissue, _validate.count("anchors", anchors, least=2)))  # type: ignore[arg-type]
 
     def _new_spline(self, points: Array) -> PolyharmonicSpline:
         return PolyharmonicSpline(points, kernel=self.kernel, smoothing=self.smoothing)
@@ -143,16 +161,16 @@ class Insertion:
         return plan_landmarks(self.tissue, needle, self.model, max_landmarks=self.max_landmarks)
 
     def _map_reference(self, needle: Needle, plan: LandmarkPlan, count: int) -> KernelField:
-        """One step from the undeformed tissue: only landmarks that wake are new to the factor."""
+        """One step from the undeformed tissue: only landmarks new to the factor are appended."""
         anchors = len(self.anchors)
         if plan is not self._factored_plan:
             self._spline.truncate(anchors)
             self._factored_plan = plan
         known = len(self._spline.points) - anchors
-        if count < known:
-            self._spline.truncate(anchors + count)
-        elif count > known:
-            self._spline.append(plan.points[known:count])
+        # With every face node pinned a landmark costs as much alone as with all the others.
+        wanted = len(plan.points) if self._pins_all_nodes else count
+        if wanted > known:
+            self._spline.append(plan.points[known:wanted])
         values = np.zeros((anchors + count, 3))
         values[anchors:] = plan.history.at(needle.depth, count)
         return self._spline.solve(values, grid=self.tissue.grid)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _validate
-from .anchored import AnchoredSystem
+from .anchored import AnchoredSystem, Base, CornerBase
+from .faces import FaceBase, Progress
 from .field import KernelField
 from .grid import Grid
 from .kernels import Biharmonic, Kernel
+from .tissue import Tissue
 
 Array = NDArray[np.float64]
 
@@ -26,6 +29,39 @@ _CHECKED = 16
 """Landmarks whose equation is checked after each solve."""
 _RESIDUAL_LIMIT = 1e-9
 """Largest residual of those equations, relative to the values, before everything is factored anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame in which landmarks are of the order of one, so that no unit of length matters."""
+
+    centre: Array
+    scale: float
+    axes: Array
+    """Columns are the frame's axes in the world."""
+
+    @classmethod
+    def around(cls, points: Array) -> Frame:
+        """Return the frame of a set of landmarks."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        return cls((low + high) / 2, float((high - low).max()) / 2, np.eye(3))
+
+    @classmethod
+    def of_grid(cls, grid: Grid) -> Frame:
+        """Return the frame of a grid, along its axes from its middle."""
+        return cls(grid.world(grid.extent / 2), float(grid.extent.max()) / 2, grid.direction)
+
+    def local(self, points: Array) -> Array:
+        """Return world points (m, 3) in the frame."""
+        return (points - self.centre) @ self.axes / self.scale
+
+    def world_affine(self, affine: Array) -> Array:
+        """Return an affine map (4, 3) of frame coordinates as one of world offsets from the centre."""
+        return np.vstack([affine[:1], self.axes @ affine[1:] / self.scale])
+
+    def diagonal(self, value: float, kernel: Kernel) -> float:
+        """Return a number on the kernel matrix's diagonal in the frame's units."""
+        return value / self.scale**kernel.homogeneity
 
 
 class PolyharmonicSpline:
@@ -80,26 +116,60 @@ class PolyharmonicSpline:
         paper_epsilon: float = 0.0,
     ) -> None:
         points = _validate.points("points", points)
-        self.kernel = Biharmonic() if kernel is None else kernel
-        self._smoothing = _validate.number("smoothing", smoothing)
+        kernel = Biharmonic() if kernel is None else kernel
+        smoothing = _validate.number("smoothing", smoothing)
         epsilon = _validate.number("paper_epsilon", paper_epsilon)
         _refuse_degenerate(points)
-        self._centre = (points.min(axis=0) + points.max(axis=0)) / 2
-        self._scale = float(np.ptp(points, axis=0).max()) / 2
-        nearest = self._refuse_coincident(np.empty((0, 3)), self._local(points))
-        if self.kernel.sign < 0:  # +eps regularises a positive definite kernel
-            _refuse_singular(epsilon, nearest * self._scale)
+        frame = Frame.around(points)
+        nearest = _refuse_coincident(np.empty((0, 3)), frame.local(points), allowed=smoothing > 0)
+        if kernel.sign < 0:  # +eps regularises a positive definite kernel
+            _refuse_singular(epsilon, nearest * frame.scale)
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
-        self._diagonal = self._smoothing + self.kernel.sign * epsilon
+        diagonal = smoothing + kernel.sign * epsilon
+        corners = _spread_out(points)
+        base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
+        self._begin(kernel, diagonal, frame, base, points[corners], corners)
+        self._rest = np.setdiff1d(np.arange(len(points)), corners)
+        self._system.append(frame.local(points[self._rest]))
         self.points = points.copy()
         """(n, 3) landmarks, in the order given and appended."""
         self._first_size = len(points)
-        self._base = _spread_out(points)
-        self._rest = np.setdiff1d(np.arange(len(points)), self._base)
-        self._system = AnchoredSystem(
-            self.kernel, self._local(points[self._base]), self._diagonal / self._scale**self.kernel.homogeneity
-        )
-        self._system.append(self._local(points[self._rest]))
+
+    @classmethod
+    def pinning_faces(
+        cls,
+        tissue: Tissue,
+        *,
+        kernel: Kernel | None = None,
+        smoothing: float = 0.0,
+        progress: Progress | None = None,
+    ) -> PolyharmonicSpline:
+        """Return a spline whose first landmarks are all nodes of the tissue's pinned faces.
+
+        Their matrix is factored once for a grid and kept on disk, in the folder that
+        ``SONOSPLINE_CACHE`` names or the user's cache folder; ``progress(done, of)`` is told.
+        """
+        kernel = Biharmonic() if kernel is None else kernel
+        smoothing = _validate.number("smoothing", smoothing)
+        frame = Frame.of_grid(tissue.grid)
+        base = FaceBase(tissue, kernel, frame.scale, diagonal=frame.diagonal(smoothing, kernel), progress=progress)
+        points = tissue.grid.node(np.argwhere(tissue.pinned))
+        spline = cls.__new__(cls)
+        spline._begin(kernel, smoothing, frame, base, points, np.arange(len(points)))
+        return spline
+
+    def _begin(
+        self, kernel: Kernel, diagonal: float, frame: Frame, base: Base, points: Array, numbers: NDArray[np.int64]
+    ) -> None:
+        """Start from the base alone: its points, and their numbers among all landmarks."""
+        self.kernel = kernel
+        self._diagonal = diagonal
+        self._frame = frame
+        self._base = numbers
+        self._rest = np.empty(0, dtype=np.int64)
+        self._system = AnchoredSystem(kernel, base, frame.diagonal(diagonal, kernel))
+        self.points = points
+        self._first_size = len(points)
 
     @classmethod
     def fit(
@@ -133,8 +203,8 @@ class PolyharmonicSpline:
             One of them coincides with another; the spline is then as it was.
         """
         new = _validate.points("points", points)
-        local = self._local(new)
-        self._refuse_coincident(self._local(self.points), local)
+        local = self._frame.local(new)
+        _refuse_coincident(self._frame.local(self.points), local, allowed=self._diagonal > 0)
         self._system.append(local)
         self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(self.points) + len(new))])
         self.points = np.concatenate([self.points, new])
@@ -143,8 +213,9 @@ class PolyharmonicSpline:
         """Drop the landmarks from number ``size`` on; those given at the start always stay."""
         if not self._first_size <= size <= len(self.points):
             raise ValueError(f"size = {size} is out of range; give {self._first_size} to {len(self.points)}")
-        self._system.truncate(size - 4)
-        self._rest = self._rest[: size - 4]
+        kept = size - len(self._base)
+        self._system.truncate(kept)
+        self._rest = self._rest[:kept]
         self.points = self.points[:size]
 
     def solve(self, values: ArrayLike, *, grid: Grid | None = None) -> KernelField:
@@ -153,11 +224,17 @@ class PolyharmonicSpline:
         Parameters
         ----------
         values : (n, 3) array_like
-            Displacement of each landmark.
+            Displacement of each landmark. With fewer rows than landmarks, the last
+            landmarks are left out: they constrain nothing.
         grid : Grid, optional
             The lattice that ``field.on_grid()`` will use.
         """
-        values = _matching_values(self.points, values)
+        values = _validate.points("values", values)
+        if not self._first_size <= len(values) <= len(self.points):
+            raise ValueError(
+                f"values has {len(values)} rows for {len(self.points)} landmarks; give one row a landmark "
+                f"(at least for the first {self._first_size})"
+            )
         field = self._solve(values, grid)
         residual = self._residual(field, values)
         if residual > _RESIDUAL_LIMIT:
@@ -167,16 +244,16 @@ class PolyharmonicSpline:
         return field
 
     def _solve(self, values: Array, grid: Grid | None) -> KernelField:
-        solution = self._system.solve(values[self._base], values[self._rest])
+        rest = self._rest[: len(values) - len(self._base)]
+        solution = self._system.solve(values[self._base], values[rest])
         weights = np.empty_like(values)
-        weights[self._base], weights[self._rest] = solution.corner_weights, solution.weights
-        scale = self._scale
+        weights[self._base], weights[rest] = solution.base_weights, solution.weights
         return KernelField(
             kernel=self.kernel,
-            centres=self.points,
-            weights=weights / scale**self.kernel.homogeneity,
-            affine=solution.affine / np.array([1.0, scale, scale, scale])[:, None],
-            reference=self._centre,
+            centres=self.points[: len(values)],
+            weights=weights / self._frame.scale**self.kernel.homogeneity,
+            affine=self._frame.world_affine(solution.affine),
+            reference=self._frame.centre,
             grid=grid,
         )
 
@@ -185,21 +262,10 @@ class PolyharmonicSpline:
         largest = float(np.abs(values).max())
         if largest == 0:
             return 0.0
-        checked = np.unique(np.linspace(0, len(self.points) - 1, _CHECKED).astype(int))
-        met = field.displacement(self.points[checked])
+        checked = np.unique(np.linspace(0, len(values) - 1, _CHECKED).astype(int))
+        met = field.displacement(field.centres[checked])
         met += self.kernel.sign * self._diagonal * field.weights[checked]
         return float(np.abs(met - values[checked]).max()) / largest
-
-    def _local(self, points: Array) -> Array:
-        """Landmarks in units of their own spread, so that no unit of length matters."""
-        return (points - self._centre) / self._scale
-
-    def _refuse_coincident(self, old: Array, new: Array) -> float:
-        """Return the smallest distance of new landmarks from one another and from old ones."""
-        distance, i, j = _closest_pair(old, new)
-        if distance < COINCIDENT and self._smoothing == 0:
-            raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero")
-        return distance
 
 
 def _matching_values(points: Array, values: ArrayLike) -> Array:
@@ -227,6 +293,14 @@ def _spread_out(points: Array) -> NDArray[np.int64]:
         axis = left[chosen[-1]] / size[chosen[-1]]
         left = left - np.outer(left @ axis, axis)
     return np.array(chosen)
+
+
+def _refuse_coincident(old: Array, new: Array, *, allowed: bool) -> float:
+    """Return the smallest distance of new landmarks from one another and from old ones."""
+    distance, i, j = _closest_pair(old, new)
+    if distance < COINCIDENT and not allowed:
+        raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero")
+    return distance
 
 
 def _earlier_distances(old: Array, new: Array) -> Array:

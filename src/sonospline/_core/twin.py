@@ -136,8 +136,9 @@ class CholeskyFactor:
         self._factor = self._factor[:size, :size]
 
     def solve(self, x: Array, first: int = 0) -> None:
-        """Solve A x = b in place for right-hand sides (3, size) that are zero before row ``first``."""
+        """Solve A x = b in place for the first n rows: x (3, n) is zero before row ``first``."""
         from scipy.linalg import solve_triangular
 
-        x[:, first:] = solve_triangular(self._factor[first:, first:], x[:, first:].T, lower=True).T
-        x[:] = solve_triangular(self._factor, x.T, lower=True, trans="T").T
+        factor = self._factor[: x.shape[1], : x.shape[1]]
+        x[:, first:] = solve_triangular(factor[first:, first:], x[:, first:].T, lower=True).T
+        x[:] = solve_triangular(factor, x.T, lower=True, trans="T").T

@@ -9,7 +9,7 @@ import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one model parameter, mm")
     how.add_argument("--kernel", default="biharmonic", choices=tuple(KERNELS), help="spline kernel (biharmonic)")
     how.add_argument("--smoothing", type=float, default=0.0, metavar="S", help="0 meets every landmark (0)")
-    how.add_argument("--anchors", type=int, default=5, metavar="N", help="anchors a face side (5)")
+    how.add_argument("--anchors", default="5", metavar="N|all", help="anchors a face side, or every face node (5)")
     how.add_argument("--max-landmarks", type=int, default=300, metavar="N", help="most landmarks (300)")
     how.add_argument(
         "--accumulation",
@@ -149,11 +149,20 @@ def _insertion(args: argparse.Namespace, volume: Volume, path: Needle) -> Insert
         Tissue(grid, entry_face=face),
         model,
         kernel=KERNELS[args.kernel](),
-        anchors=args.anchors,
+        anchors=_anchors(args.anchors),
         max_landmarks=args.max_landmarks,
         smoothing=args.smoothing,
         accumulation=args.accumulation,
     )
+
+
+def _anchors(text: str) -> int | Literal["all"]:
+    if text == "all":
+        return "all"
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"--anchors {text!r} is not a number; give anchors along a face side, or all") from None
 
 
 def _insert(insertion: Insertion, path: Needle, args: argparse.Namespace) -> Outcome:

@@ -73,10 +73,10 @@ bool CholeskyFactor::factor_panel(std::size_t begin, std::size_t end, std::size_
 
 void CholeskyFactor::truncate(std::size_t size) { size_ = std::min(size, size_); }
 
-void CholeskyFactor::solve(double *x, std::size_t first) const {
+void CholeskyFactor::solve(double *x, std::size_t n, std::size_t first) const {
     const CholeskyKernels &inner = *kernels().cholesky;
-    inner.forward(data_.data(), x, first, size_, stride_);
-    inner.backward(data_.data(), x, size_, stride_);
+    inner.forward(data_.data(), x, first, n, stride_);
+    inner.backward(data_.data(), x, n, stride_);
 }
 
 }  // namespace sono

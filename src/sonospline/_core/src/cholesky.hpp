@@ -19,8 +19,8 @@ class CholeskyFactor {
     /// Drops all rows from `size` on.
     void truncate(std::size_t size);
 
-    /// Solves A x = b in place for three right-hand sides (3, size), zero before row `first`.
-    void solve(double *x, std::size_t first) const;
+    /// Solves A x = b in place for the first n rows, three right-hand sides (3, n), zero before `first`.
+    void solve(double *x, std::size_t n, std::size_t first) const;
 
   private:
     void reserve(std::size_t rows);
