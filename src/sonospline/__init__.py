@@ -5,6 +5,7 @@ Not a medical device; not for clinical use.
 
 from .field import ComposedField, Field, InverseReport, KernelField
 from .grid import FACES, Grid
+from .grid_field import GridField
 from .insertion import Insertion
 from .interaction import NeedleTissueModel
 from .kernels import Biharmonic, Kernel, Triharmonic
@@ -18,6 +19,7 @@ __all__ = [
     "ComposedField",
     "Field",
     "Grid",
+    "GridField",
     "Insertion",
     "InverseReport",
     "Kernel",

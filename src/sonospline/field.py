@@ -40,6 +40,8 @@ class Field(ABC):
 
     grid: Grid | None
     """The lattice of :meth:`on_grid`."""
+    inverse_tolerance = 1e-9
+    """Default tolerance of :meth:`inverse`, in units of the field's length."""
 
     @abstractmethod
     def displacement(self, points: ArrayLike) -> Array:
@@ -96,7 +98,7 @@ class Field(ABC):
         points : (m, 3) array_like
             Deformed positions.
         tolerance : float, optional
-            Largest ``|x + u(x) - p|`` accepted; by default 1e-9 of the field's length.
+            Largest ``|x + u(x) - p|`` accepted; by default ``inverse_tolerance`` of the field's length.
         max_iterations : int, default: 100
             Iterations before a point is given up.
         return_report : bool, default: False
@@ -113,14 +115,21 @@ class Field(ABC):
         """
         target = _validate.points("points", points)
         _validate.count("max_iterations", max_iterations)
-        limit = 1e-9 * self.length if tolerance is None else _validate.number("tolerance", tolerance, positive=True)
+        default = self.inverse_tolerance * self.length
+        limit = default if tolerance is None else _validate.number("tolerance", tolerance, positive=True)
+        x, report = self._find_inverse(target, limit, max_iterations)
+        if not report.converged.all():
+            logger.warning("inverse map: %d of %d points did not converge", (~report.converged).sum(), len(x))
+        return (x, report) if return_report else x
+
+    def _find_inverse(self, target: Array, tolerance: float, max_iterations: int) -> tuple[Array, InverseReport]:
         x, remaining = target.copy(), np.arange(len(target))
         residual, iterations = 0.0, 0
         while len(remaining) and iterations < max_iterations:
             iterations += 1
             missing = target[remaining] - self.forward(x[remaining])
             size = np.linalg.norm(missing, axis=1)
-            done = size <= limit
+            done = size <= tolerance
             residual = max(residual, float(size[done].max(initial=0.0)))
             x[remaining[~done]] += missing[~done]
             # A point sent far outside is lost; stop before it overflows.
@@ -128,10 +137,7 @@ class Field(ABC):
             x[remaining[lost]] = np.nan
             remaining = remaining[~done & ~lost]
         x[remaining] = np.nan
-        converged = np.logical_and.reduce(np.isfinite(x), axis=1)
-        if not converged.all():
-            logger.warning("inverse map: %d of %d points did not converge", (~converged).sum(), len(x))
-        return (x, InverseReport(converged, iterations, residual)) if return_report else x
+        return x, InverseReport(np.logical_and.reduce(np.isfinite(x), axis=1), iterations, residual)
 
     def smallest_jacobian(self) -> float:
         """Return the smallest det J over the grid's nodes; at or below zero the tissue folds over."""

@@ -1,6 +1,8 @@
 from .twin import CholeskyFactor as CholeskyFactor
 from .twin import gradient_at_points as gradient_at_points
+from .twin import invert_lattice as invert_lattice
 from .twin import kernel_matrix as kernel_matrix
+from .twin import sample_lattice as sample_lattice
 from .twin import sum_at_points_f32 as sum_at_points_f32
 from .twin import sum_at_points_f64 as sum_at_points_f64
 from .twin import sum_on_lattice_f32 as sum_on_lattice_f32

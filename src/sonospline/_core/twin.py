@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from .twin_sampling import invert_lattice as invert_lattice
+from .twin_sampling import sample_lattice as sample_lattice
+
 Array = NDArray[np.float64]
 
 # The largest block of the (points x centres) matrix held at once, in elements.

@@ -9,28 +9,17 @@
 #include <string>
 #include <vector>
 
+#include "bindings.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
 #include "sums.hpp"
-
-#include "bindings_cholesky.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace {
 
-using Rows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Affine = nb::ndarray<const double, nb::shape<4, 3>, nb::c_contig, nb::device::cpu>;
-
-// A new NumPy array that owns its memory.
-template <class T> nb::ndarray<nb::numpy, T> new_array(const std::vector<std::size_t> &shape) {
-    std::size_t size = 1;
-    for (std::size_t n : shape) size *= n;
-    T *data = new T[size];
-    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner);
-}
 
 sono::KernelSum kernel_sum(int kernel, const Rows &centres, const Rows &weights, const Affine &affine) {
     if (centres.shape(0) != weights.shape(0)) throw nb::value_error("centres and weights differ in length");
@@ -86,6 +75,7 @@ std::vector<std::string> instruction_sets() {
 
 NB_MODULE(_native, m) {
     bind_cholesky(m);
+    bind_sampling(m);
     m.def("sum_at_points_f32", &sum_at_points<float>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
     m.def("sum_at_points_f64", &sum_at_points<double>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
     m.def("sum_on_lattice_f32", &sum_on_lattice<float>, "kernel"_a, "shape"_a, "spacing"_a, "centres"_a,

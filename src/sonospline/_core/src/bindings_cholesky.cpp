@@ -1,9 +1,4 @@
-#include "bindings_cholesky.hpp"
-
-#include <nanobind/ndarray.h>
-
-#include <vector>
-
+#include "bindings.hpp"
 #include "cholesky.hpp"
 
 namespace nb = nanobind;
