@@ -90,6 +90,7 @@ NB_MODULE(_native, m) {
         if (!sono::choose_kernels(name.c_str()))
             throw nb::value_error(("this machine has no instruction set '" + name + "'").c_str());
     });
+    bind_multilevel(m);
     m.def("thread_count", &sono::thread_count);
     m.def("set_thread_count", &sono::set_thread_count, "count"_a);
 }

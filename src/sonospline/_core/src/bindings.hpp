@@ -18,4 +18,5 @@ template <class T> nanobind::ndarray<nanobind::numpy, T> new_array(const std::ve
 }
 
 void bind_cholesky(nanobind::module_ &m);
+void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);

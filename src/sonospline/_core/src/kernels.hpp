@@ -21,10 +21,12 @@ template <class T> struct Tile {
 };
 
 struct CholeskyKernels;
+struct MultilevelKernels;
 
 struct KernelTable {
     const char *name;
     const CholeskyKernels *cholesky;
+    const MultilevelKernels *multilevel;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);

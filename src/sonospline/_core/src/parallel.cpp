@@ -70,8 +70,7 @@ class Team {
         }
         wake_.notify_all();
         job->work();
-        // What is left is at most one block a worker: yielding beats a sleep and its wake-up.
-        while (!job->finished()) std::this_thread::yield();
+        wait_for([&] { return job->finished(); });
         std::lock_guard<std::mutex> lock(mutex_);
         job_.reset();
     }

@@ -4,7 +4,9 @@
 #pragma once
 
 #include <cstddef>
+#include <chrono>
 #include <functional>
+#include <thread>
 
 namespace sono {
 
@@ -15,5 +17,16 @@ void set_thread_count(int count);
 /// Calls body(block) once for each block in [0, blocks), in no fixed order.
 /// Runs in the calling thread alone where there is one block or one thread.
 void parallel_for(std::size_t blocks, const std::function<void(std::size_t)> &body);
+
+/// Waits for other threads of the team: soon, by yielding; then by sleeping, since the
+/// thread waited for may be queued on this very core, where yielding need not let it run.
+template <class Condition> void wait_for(const Condition &met) {
+    for (int tries = 0; !met(); ++tries) {
+        if (tries < 200)
+            std::this_thread::yield();
+        else
+            std::this_thread::sleep_for(std::chrono::microseconds(20));
+    }
+}
 
 }  // namespace sono

@@ -45,21 +45,44 @@ template <class T> inline void store(T *to, Vec<T> v) { std::memcpy(to, &v, size
 template <class V> inline V newton(V x, V y) { return y * (1.5f - 0.5f * x * y * y); }
 inline VecD newton(VecD x, VecD y) { return y * (1.5 - 0.5 * x * y * y); }
 
-// 1/sqrt(x) for x > 0, to about 3e-7 (float) and 3e-16 (double): a hardware
-// estimate and Newton steps are several times faster than the square root unit.
-inline VecF rsqrt(VecF x) {
+// Stores around the caches, where `to` is aligned to the vector.
+inline void store_past_caches(float *to, VecF v) {
 #if defined(__AVX512F__)
-    return newton(x, (VecF)_mm512_rsqrt14_ps((__m512)x));
+    _mm512_stream_ps(to, (__m512)v);
 #elif defined(__AVX2__)
-    return newton(x, (VecF)_mm256_rsqrt_ps((__m256)x));
+    _mm256_stream_ps(to, (__m256)v);
 #elif defined(__SSE2__)
-    return newton(x, (VecF)_mm_rsqrt_ps((__m128)x));
+    _mm_stream_ps(to, (__m128)v);
+#else
+    store(to, v);
+#endif
+}
+
+// Makes such stores visible to other threads before whatever signals them.
+inline void fence_past_caches() {
+#if defined(__SSE2__)
+    _mm_sfence();
+#endif
+}
+
+// 1/sqrt(x) to 4e-4 or better: one Newton step short of float precision.
+inline VecF rsqrt_estimate(VecF x) {
+#if defined(__AVX512F__)
+    return (VecF)_mm512_rsqrt14_ps((__m512)x);
+#elif defined(__AVX2__)
+    return (VecF)_mm256_rsqrt_ps((__m256)x);
+#elif defined(__SSE2__)
+    return (VecF)_mm_rsqrt_ps((__m128)x);
 #else
     VecF y;
     for (int i = 0; i < lanes<float>; ++i) y[i] = 1.0f / __builtin_sqrtf(x[i]);
     return y;
 #endif
 }
+
+// 1/sqrt(x) for x > 0, to about 3e-7 (float) and 3e-16 (double): a hardware
+// estimate and Newton steps are several times faster than the square root unit.
+inline VecF rsqrt(VecF x) { return newton(x, rsqrt_estimate(x)); }
 
 inline VecD rsqrt(VecD x) {
 #if defined(__AVX512F__)
