@@ -33,7 +33,7 @@ def test_it_is_the_spline_through_every_face_node(backend, entry_face, shape):
     values = np.zeros_like(field.centres)
     values[len(insertion.anchors) :] = insertion.plan.history.at(insertion.needle.depth, insertion.landmark_count)
     dense = ss.PolyharmonicSpline.fit(field.centres, values, grid=grid)
-    assert np.allclose(field.on_grid(), dense.on_grid(), rtol=0, atol=1e-10 * np.abs(values).max())
+    assert np.allclose(field.on_grid("direct"), dense.on_grid("direct"), rtol=0, atol=1e-10 * np.abs(values).max())
     assert np.allclose(field.weights, dense.weights, rtol=0, atol=1e-9 * np.abs(dense.weights).max())
 
 
@@ -44,15 +44,15 @@ def test_other_kernels_and_smoothing(options):
     values = np.zeros_like(field.centres)
     values[len(insertion.anchors) :] = insertion.plan.history.at(insertion.needle.depth, insertion.landmark_count)
     dense = ss.PolyharmonicSpline.fit(field.centres, values, grid=tissue.grid, **options)
-    assert np.allclose(field.on_grid(), dense.on_grid(), rtol=0, atol=1e-8 * np.abs(values).max())
+    assert np.allclose(field.on_grid("direct"), dense.on_grid("direct"), rtol=0, atol=1e-8 * np.abs(values).max())
 
 
 def test_the_faces_stay_where_sampled_anchors_let_them_drift():
     tissue = ss.Tissue(ss.Grid.unit_cube(17))
     _, pinned = insert_into(tissue, anchors="all")
     _, sampled = insert_into(tissue, anchors=5)
-    assert tissue.boundary_drift(pinned.on_grid()) < 1e-12
-    assert tissue.boundary_drift(sampled.on_grid()) > 1e-4
+    assert tissue.boundary_drift(pinned.on_grid("direct")) < 1e-12
+    assert tissue.boundary_drift(sampled.on_grid("direct")) > 1e-4
 
 
 def test_pulling_back_and_another_axis(backend):
@@ -65,7 +65,7 @@ def test_pulling_back_and_another_axis(backend):
     ]:
         needle = ss.Needle(entry, tip)
         fresh = ss.Insertion(tissue, anchors="all").advance(needle)
-        assert np.allclose(moving.advance(needle).on_grid(), fresh.on_grid(), rtol=0, atol=1e-13)
+        assert np.allclose(moving.advance(needle).on_grid("direct"), fresh.on_grid("direct"), rtol=0, atol=1e-13)
 
 
 def test_the_set_up_is_told_and_kept_on_disk(a_cache_of_its_own, monkeypatch):

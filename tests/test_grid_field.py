@@ -47,7 +47,7 @@ def test_it_interpolates_as_scipy_does(backend, tilted_grid, random_field):
 def test_it_meets_the_nodes(backend, tilted_grid, random_field):
     nodes = tilted_grid.points
     assert np.allclose(random_field.displacement(nodes), random_field.values.reshape(-1, 3), atol=1e-7)
-    assert random_field.on_grid() is random_field.values
+    assert random_field.on_grid("direct") is random_field.values
 
 
 def test_beyond_the_grid_the_nearest_value_holds(backend, tilted_grid, random_field):

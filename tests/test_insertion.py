@@ -27,7 +27,7 @@ def an_incremental_insertion(unit_tissue):
 
 def test_tissue_without_a_needle_is_at_rest(an_insertion, an_incremental_insertion):
     for insertion in (an_insertion, an_incremental_insertion):
-        assert not insertion.field.on_grid().any()
+        assert not insertion.field.on_grid("direct").any()
         assert insertion.needle is None
         assert insertion.landmark_count == 0
 
@@ -46,7 +46,7 @@ def test_landmarks_take_their_displacement_and_anchors_stay(an_insertion):
 def test_tissue_beside_the_shaft_follows_the_needle(an_insertion):
     along = an_insertion.advance(needle_at(1)).displacement(needle_at(1).at([0.3, 0.5, 0.8]))
     assert (along @ needle_at(1).direction > 0.5 * 0.0227).all()
-    assert np.abs(an_insertion.field.on_grid()).max() < 0.03
+    assert np.abs(an_insertion.field.on_grid("direct")).max() < 0.03
 
 
 @pytest.mark.parametrize("steps", [1, 3, 20])
@@ -55,7 +55,7 @@ def test_maximum_does_not_depend_on_the_number_of_steps(an_insertion, unit_tissu
     at_once = ss.Insertion(unit_tissue).advance(needle_at(1))
     assert len(fields) == steps
     assert an_insertion.field is fields[-1]
-    np.testing.assert_allclose(fields[-1].on_grid(), at_once.on_grid(), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(fields[-1].on_grid("direct"), at_once.on_grid("direct"), rtol=0, atol=1e-13)
 
 
 def test_run_stops_at_equal_depths(an_insertion):
@@ -64,7 +64,7 @@ def test_run_stops_at_equal_depths(an_insertion):
 
 
 def test_pulling_back_returns_the_earlier_field(an_insertion):
-    first, deeper, back = (an_insertion.advance(needle_at(p)).on_grid() for p in (0.4, 1.0, 0.4))
+    first, deeper, back = (an_insertion.advance(needle_at(p)).on_grid("direct") for p in (0.4, 1.0, 0.4))
     assert np.abs(deeper - first).max() > 1e-3
     assert np.array_equal(back, first)
 
@@ -73,7 +73,7 @@ def test_deeper_needle_displaces_more_tissue(an_insertion):
     active, moved = [], []
     for field in an_insertion.run(ENTRY, TARGET, steps=6):
         active.append(an_insertion.landmark_count)
-        moved.append(np.linalg.norm(field.on_grid(), axis=-1).mean())
+        moved.append(np.linalg.norm(field.on_grid("direct"), axis=-1).mean())
     assert active == sorted(active)
     assert active[-1] > 2 * active[0]
     assert moved[-1] > 1.1 * moved[0]
@@ -84,17 +84,17 @@ def test_needle_elsewhere_starts_a_new_pass(an_insertion, unit_tissue):
     an_insertion.advance(needle_at(1))
     second = an_insertion.advance(elsewhere)
     fresh = ss.Insertion(unit_tissue).advance(elsewhere)
-    assert np.array_equal(second.on_grid(), fresh.on_grid())
+    assert np.array_equal(second.on_grid("direct"), fresh.on_grid("direct"))
     again = an_insertion.advance(needle_at(1))
-    assert np.array_equal(again.on_grid(), ss.Insertion(unit_tissue).advance(needle_at(1)).on_grid())
+    assert np.array_equal(again.on_grid("direct"), ss.Insertion(unit_tissue).advance(needle_at(1)).on_grid("direct"))
 
 
 def test_reset_takes_the_needle_out(an_insertion):
-    first = an_insertion.advance(needle_at(1)).on_grid()
+    first = an_insertion.advance(needle_at(1)).on_grid("direct")
     an_insertion.reset()
     assert an_insertion.needle is None
-    assert not an_insertion.field.on_grid().any()
-    assert np.array_equal(an_insertion.advance(needle_at(1)).on_grid(), first)
+    assert not an_insertion.field.on_grid("direct").any()
+    assert np.array_equal(an_insertion.advance(needle_at(1)).on_grid("direct"), first)
 
 
 @pytest.mark.parametrize("accumulation", ["maximum", "incremental"])
@@ -106,7 +106,7 @@ def test_unit_cube_and_block_of_100_mm_are_one_problem(unit_tissue, accumulation
     *_, small = cube.run(ENTRY, TARGET, steps=3)
     *_, large = block.run(100 * ENTRY, 100 * TARGET, steps=3)
     assert cube.landmark_count == block.landmark_count
-    np.testing.assert_allclose(large.on_grid() / 100, small.on_grid(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(large.on_grid("direct") / 100, small.on_grid("direct"), rtol=0, atol=1e-12)
 
 
 def test_default_model_is_table_one_at_the_size_of_the_tissue(a_tilted_grid):
@@ -115,15 +115,15 @@ def test_default_model_is_table_one_at_the_size_of_the_tissue(a_tilted_grid):
 
 def test_placed_and_turned_tissue_deforms_alike(unit_tissue, a_rotation):
     grid = ss.Grid(shape=(13, 13, 13), spacing=1 / 12, origin=(3, -2, 5), direction=a_rotation)
-    here = ss.Insertion(unit_tissue).advance(needle_at(1)).on_grid()
-    there = ss.Insertion(ss.Tissue(grid)).advance(ss.Needle(grid.world(ENTRY), grid.world(TARGET))).on_grid()
+    here = ss.Insertion(unit_tissue).advance(needle_at(1)).on_grid("direct")
+    there = ss.Insertion(ss.Tissue(grid)).advance(ss.Needle(grid.world(ENTRY), grid.world(TARGET))).on_grid("direct")
     np.testing.assert_allclose(there, here @ a_rotation.T, rtol=0, atol=1e-12)
 
 
 def test_more_landmarks_come_nearer_to_the_field_of_all_nodes():
     tissue = ss.Tissue(ss.Grid.unit_cube(17))
     some, more, every = (
-        ss.Insertion(tissue, max_landmarks=n).advance(needle_at(1)).on_grid() for n in (200, 400, 10**6)
+        ss.Insertion(tissue, max_landmarks=n).advance(needle_at(1)).on_grid("direct") for n in (200, 400, 10**6)
     )
     far, near = (
         np.linalg.norm(field - every, axis=-1).mean() / np.linalg.norm(every, axis=-1).mean() for field in (some, more)
@@ -153,7 +153,7 @@ def shown_state(insertion):
 def test_failing_step_leaves_the_previous_field(request, kind, monkeypatch):
     insertion = request.getfixturevalue(kind)
     insertion.advance(needle_at(0.4))
-    before, values = shown_state(insertion), insertion.field.on_grid()
+    before, values = shown_state(insertion), insertion.field.on_grid("direct")
 
     def fail(*_, **__):
         raise np.linalg.LinAlgError("singular")
@@ -166,12 +166,12 @@ def test_failing_step_leaves_the_previous_field(request, kind, monkeypatch):
         insertion.advance(needle_at(5.0))
     assert all(now is then for now, then in zip(shown_state(insertion)[:3], before[:3], strict=True))
     assert insertion.landmark_count == before[3]
-    assert np.array_equal(insertion.field.on_grid(), values)
+    assert np.array_equal(insertion.field.on_grid("direct"), values)
     # And the next good step goes on from there as if nothing had happened.
     undisturbed = ss.Insertion(insertion.tissue, insertion.model, accumulation=insertion.accumulation)
     for part in (0.4, 0.8):
         expected = undisturbed.advance(needle_at(part))
-    assert np.array_equal(insertion.advance(needle_at(0.8)).on_grid(), expected.on_grid())
+    assert np.array_equal(insertion.advance(needle_at(0.8)).on_grid("direct"), expected.on_grid("direct"))
 
 
 def algorithm_one(grid, pinned, model, needles):
@@ -227,7 +227,7 @@ def test_incremental_is_algorithm_one_to_the_letter(rng):
         field = insertion.advance(needle)
     mesh, maps = algorithm_one(grid, tissue.pinned, model, needles)
     assert np.abs(mesh - grid.points).max() > 0.02
-    np.testing.assert_allclose(field.on_grid().reshape(-1, 3), mesh - grid.points, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(field.on_grid("direct").reshape(-1, 3), mesh - grid.points, rtol=0, atol=1e-10)
     places = rng.random((50, 3))
     moved = places
     for g in maps:
@@ -237,10 +237,10 @@ def test_incremental_is_algorithm_one_to_the_letter(rng):
 
 def test_incremental_steps_add_up(an_incremental_insertion):
     """What the maximum must not do: twenty steps displace far more than one."""
-    one = an_incremental_insertion.advance(needle_at(1)).on_grid()
+    one = an_incremental_insertion.advance(needle_at(1)).on_grid("direct")
     an_incremental_insertion.reset()
     *_, twenty = an_incremental_insertion.run(ENTRY, TARGET, steps=20)
-    assert np.abs(twenty.on_grid()).max() > 5 * np.abs(one).max()
+    assert np.abs(twenty.on_grid("direct")).max() > 5 * np.abs(one).max()
     assert len(twenty.steps) == 20
 
 
@@ -256,11 +256,11 @@ def test_incremental_refuses_to_pull_back(an_incremental_insertion, part):
 
 def test_incremental_takes_a_second_needle_through_the_deformed_tissue(an_incremental_insertion):
     an_incremental_insertion.advance(needle_at(0.5))
-    first = an_incremental_insertion.field.on_grid()
+    first = an_incremental_insertion.field.on_grid("direct")
     field = an_incremental_insertion.advance(ss.Needle((0, 0.2, 0.3), (0.2, 0.3, 0.35)))
     assert len(field.steps) == 2
     # Nodes beside the second track move on; those at the end of the first feel it less.
-    change = np.linalg.norm(field.on_grid() - first, axis=-1)
+    change = np.linalg.norm(field.on_grid("direct") - first, axis=-1)
     assert change[1, 3, 4] > 1.5 * change[4, 6, 6] > 0
 
 
@@ -278,7 +278,7 @@ def test_bad_needle_is_refused(an_insertion, entry, tip, message):
     with pytest.raises(ValueError, match=message):
         an_insertion.advance(ss.Needle(entry, tip))
     assert an_insertion.needle is None
-    assert not an_insertion.field.on_grid().any()
+    assert not an_insertion.field.on_grid("direct").any()
 
 
 def test_bad_run_is_refused_before_its_first_step(an_insertion):
@@ -319,7 +319,7 @@ def test_maximum_does_not_depend_on_the_number_of_steps_on_a_tie():
     entry, target = (0, 0.5, 0.5), (0.5, 0.75, 0.25)
     *_, stepped = ss.Insertion(tissue).run(entry, target, steps=3)
     at_once = ss.Insertion(tissue).advance(ss.Needle(entry, target))
-    np.testing.assert_allclose(stepped.on_grid(), at_once.on_grid(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(stepped.on_grid("direct"), at_once.on_grid("direct"), rtol=0, atol=1e-9)
 
 
 def test_one_tip_array_may_serve_every_step(an_incremental_insertion):

@@ -43,9 +43,7 @@ def rounding(shape, spacing, weights):
 
 
 def assert_within_bound(plan, shape, spacing, index, weights, depth):
-    error = np.abs(
-        plan.evaluate(index, weights, AFFINE, depth) - direct(shape, spacing, index, weights)
-    ).max()
+    error = np.abs(plan.evaluate(index, weights, AFFINE, depth) - direct(shape, spacing, index, weights)).max()
     bound = plan.error_per_weight(depth) * np.abs(weights).sum(axis=0).max(initial=0)
     assert error <= bound + rounding(shape, spacing, weights)
 
@@ -165,9 +163,7 @@ def test_one_plan_serves_several_threads():
     cases = [landmarks(shape, 100, seed) for seed in range(8)]
     expected = [plan.evaluate(*case, AFFINE) for case in cases]
     with ThreadPoolExecutor(4) as pool:
-        for result, known in zip(
-            pool.map(lambda case: plan.evaluate(*case, AFFINE), cases), expected, strict=True
-        ):
+        for result, known in zip(pool.map(lambda case: plan.evaluate(*case, AFFINE), cases), expected, strict=True):
             np.testing.assert_array_equal(result, known)
 
 

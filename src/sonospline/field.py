@@ -11,12 +11,15 @@ from typing import Literal, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _validate
+from . import _memory, _validate, lattice_sum
 from .grid import Grid
 from .kernels import Kernel
 
 Array = NDArray[np.float64]
-Method = Literal["direct", "direct32"]
+Method = Literal["auto", "multilevel", "accurate", "direct32", "direct"]
+METHODS = ("auto", "multilevel", "accurate", "direct32", "direct")
+_BYTES = {"auto": 16, "multilevel": 16, "accurate": 16, "direct32": 16, "direct": 28}
+"""Memory of each way to evaluate, per node: the result and scratch."""
 
 logger = logging.getLogger(__name__)
 
@@ -52,15 +55,17 @@ class Field(ABC):
         """Return the Jacobian (m, 3, 3) of the forward map, I + du_a/dx_b, at points (m, 3)."""
 
     @abstractmethod
-    def on_grid(self, method: Method = "direct") -> NDArray[np.floating]:
+    def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3).
 
         Parameters
         ----------
-        method : str, default: "direct"
-            ``"direct"`` sums in float64 (the reference), ``"direct32"`` in float32, several
-            times faster; for U = r it errs by about 3e-7 of the cube side, for r^3, whose
-            terms cancel more, by about 1e-5.
+        method : str, default: "auto"
+            ``"auto"`` takes the cheapest way that errs by at most 1e-5 of the side.
+            ``"multilevel"`` needs U = r and landmarks on nodes; its cost hardly depends on
+            their number. ``"accurate"`` is the same to 1e-6. Where they do not apply, the
+            direct sum takes their place. ``"direct32"`` sums in float32: 3e-7 for U = r,
+            1e-5 for r^3, whose terms cancel. ``"direct"`` sums in float64, the reference.
         """
 
     def forward(self, points: ArrayLike) -> Array:
@@ -199,22 +204,33 @@ class KernelField(Field):
         local = (points - self.reference) / self.length
         return np.eye(3) + self.kernel.gradient(local, centres, weights, affine) / self.length
 
-    def on_grid(self, method: Method = "direct") -> NDArray[np.floating]:
+    def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3)."""
-        _validate.choice("method", method, ("direct", "direct32"))
+        _validate.choice("method", method, METHODS)
         grid = self._require_grid()
+        _memory.refuse_beyond(_BYTES[method] * grid.node_count, f"grid = {grid.shape}: its displacements")
         centres, weights, affine = self._scaled(grid.local(self.centres))
         # The same affine map, seen from node 0 along the lattice axes.
         at_node_0 = (grid.origin - self.reference) @ self.affine[1:] + self.affine[0]
-        along_axes = grid.direction.T @ affine[1:]
-        return self.kernel.sum_on_lattice(
-            grid.shape,
-            tuple(h / self.length for h in grid.spacing),  # type: ignore[arg-type]
-            centres,
-            weights,
-            np.vstack([at_node_0, along_axes]),
-            single=method == "direct32",
-        )
+        affine = np.vstack([at_node_0, grid.direction.T @ affine[1:]])
+        spacing = tuple(h / self.length for h in grid.spacing)
+        if method not in ("direct", "direct32"):
+            fast = self._multilevel(method, spacing, centres, weights)
+            if fast is not None:
+                return fast.plan.evaluate(fast.nodes, weights, affine, fast.depth)
+        single = method == "direct32" or (method != "direct" and self.kernel.single_precision)
+        return self.kernel.sum_on_lattice(grid.shape, spacing, centres, weights, affine, single=single)  # type: ignore[arg-type]
+
+    def _multilevel(
+        self, method: str, spacing: tuple[float, ...], centres: Array, weights: Array
+    ) -> lattice_sum.LatticeSum | None:
+        """The multilevel sum where it applies and, for ``"auto"``, where it costs less."""
+        if not self.kernel.multilevel:
+            return None
+        promise = lattice_sum.PROMISES["accurate" if method == "accurate" else "multilevel"]
+        shape = self._require_grid().shape
+        fast = lattice_sum.choose(shape, spacing, centres, weights / self.length, promise)
+        return None if fast is None or (method == "auto" and fast.depth == 0) else fast
 
     @cached_property
     def length(self) -> float:
@@ -259,9 +275,9 @@ class ComposedField(Field):
             moved = step.forward(moved)
         return total
 
-    def on_grid(self, method: Method = "direct") -> NDArray[np.floating]:
+    def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3); already known, in float64."""
-        _validate.choice("method", method, ("direct", "direct32"))
+        _validate.choice("method", method, METHODS)
         return (self.nodes - self.grid.points).reshape(*self.grid.shape, 3)
 
     @property

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _validate
+from . import _memory, _validate
 
 Array = NDArray[np.float64]
 
@@ -128,6 +128,7 @@ class Grid:
     @cached_property
     def points(self) -> Array:
         """(N, 3) world positions of the nodes, z fastest."""
+        _memory.refuse_beyond(100 * self.node_count, f"grid = {self.shape}: the positions of its nodes")
         index = np.indices(self.shape, dtype=np.int32).reshape(3, -1).T
         return self.world(index * np.array(self.spacing))
 

@@ -51,7 +51,7 @@ class GridField(Field):
             raise ValueError(f"values has shape {self.values.shape}; give {(*self.grid.shape, 3)}, as the grid")
 
     @classmethod
-    def of(cls, field: Field, method: Method = "direct32") -> GridField:
+    def of(cls, field: Field, method: Method = "auto") -> GridField:
         """Return a field sampled at the nodes of its own grid."""
         if field.grid is None:
             raise ValueError("field.grid = None: fit the field with grid= to sample it")
@@ -71,7 +71,7 @@ class GridField(Field):
             slopes.append((self.displacement(points + half) - self.displacement(points - half)) / spacing)
         return np.eye(3) + np.stack(slopes, axis=-1) @ self.grid.direction.T
 
-    def on_grid(self, method: Method = "direct") -> NDArray[np.floating]:
+    def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3): the values themselves."""
         return self.values
 

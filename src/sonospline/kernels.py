@@ -29,6 +29,10 @@ class Kernel(ABC):
     """+1 or -1: the kernel times this is (conditionally) positive definite."""
     homogeneity: int
     """s in U(a r) = a^s U(r): how values and weights scale with the unit of length."""
+    single_precision = False
+    """Whether sums in float32 are accurate: their terms must not cancel too much."""
+    multilevel = False
+    """Whether the core has a multilevel sum of it."""
 
     @abstractmethod
     def matrix(self, points: Array, centres: Array) -> Array:
@@ -101,6 +105,8 @@ class Biharmonic(_Radial):
 
     sign = -1
     homogeneity = 1
+    single_precision = True
+    multilevel = True
     _number = 0
 
 

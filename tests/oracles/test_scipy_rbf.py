@@ -52,7 +52,9 @@ def test_field_of_an_insertion_is_scipys_interpolant_of_its_constraints(unit_tis
     insertion = ss.Insertion(unit_tissue)
     field = insertion.advance(an_oblique_needle)
     interpolant = RBFInterpolator(field.centres, field.displacement(field.centres), kernel="linear", degree=1)
-    np.testing.assert_allclose(field.on_grid().reshape(-1, 3), interpolant(unit_tissue.grid.points), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        field.on_grid("direct").reshape(-1, 3), interpolant(unit_tissue.grid.points), rtol=0, atol=1e-10
+    )
     # The constraints themselves: anchors at rest, nodes beside the shaft dragged by up to f_max.
     anchored = field.displacement(field.centres[: len(insertion.anchors)])
     dragged = field.displacement(field.centres[len(insertion.anchors) :]) @ an_oblique_needle.direction

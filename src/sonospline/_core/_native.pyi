@@ -1,4 +1,5 @@
 from .twin import CholeskyFactor as CholeskyFactor
+from .twin import MultilevelPlan as MultilevelPlan
 from .twin import gradient_at_points as gradient_at_points
 from .twin import invert_lattice as invert_lattice
 from .twin import kernel_matrix as kernel_matrix

@@ -117,10 +117,7 @@ class _Level:
         step = 1 << self.level
         fine = np.arange(-reach, reach + 2)
         coarse = np.arange(-reach // 2 - (self.order // 2 - 1), reach // 2 + self.order // 2 + 1)
-        at = [
-            [(n * step - c) * r for c, r in zip(landmark, self.ratio, strict=True)]
-            for n in (fine, 2 * coarse)
-        ]
+        at = [[(n * step - c) * r for c, r in zip(landmark, self.ratio, strict=True)] for n in (fine, 2 * coarse)]
         return _distances(at[0]) - _refine(_distances(at[1]), [_interpolation(fine, coarse, self.order)] * 3)
 
     def _kept(self, block: Array) -> NDArray[np.bool_]:
