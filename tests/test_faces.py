@@ -106,6 +106,7 @@ def test_a_cache_that_cannot_be_written_is_only_a_warning(tmp_path, monkeypatch,
 
 def test_faces_too_many_for_the_memory_are_refused_with_the_bytes(monkeypatch):
     monkeypatch.setattr(_memory, "available_bytes", lambda: 1_000_000)
+    monkeypatch.setattr(_memory, "_NEVER_REFUSED", 0)
     with pytest.raises(ValueError, match=r"anchors = 'all' with 1,844 face nodes would take [\d,]+ bytes.*coarser"):
         ss.Insertion(ss.Tissue(ss.Grid.unit_cube(20)), anchors="all")
 

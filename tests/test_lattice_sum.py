@@ -104,13 +104,13 @@ def test_a_kernel_without_a_multilevel_sum_is_summed_directly():
 
 def test_weights_too_large_for_the_promise_take_a_finer_cut_off():
     small, large = np.full((10, 3), 1e-3), np.full((10, 3), 1.0)
-    nodes = np.argwhere(np.ones((3, 3, 3)))[:10] * 4.0
-    chosen = [lattice_sum.choose((31, 31, 31), (1 / 30,) * 3, nodes / 30, w, 1e-5) for w in (small, large)]
+    nodes = np.argwhere(np.ones((3, 3, 3)))[:10] * 4
+    chosen = [lattice_sum.choose((31, 31, 31), (1 / 30,) * 3, nodes, w, 1e-5) for w in (small, large)]
     assert chosen[0] is not None
     assert chosen[1] is not None
     bounds = [c.plan.error_per_weight(1) for c in chosen]
     assert bounds[1] < bounds[0]
-    assert lattice_sum.choose((31, 31, 31), (1 / 30,) * 3, nodes / 30, 1e4 * large, 1e-5) is None
+    assert lattice_sum.choose((31, 31, 31), (1 / 30,) * 3, nodes, 1e4 * large, 1e-5) is None
 
 
 def test_a_plan_is_made_once_for_a_grid(a_fine_field):

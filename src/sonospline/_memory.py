@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 _SHARE = 0.8
+_NEVER_REFUSED = 1 << 26  # asking the system costs more than such an allocation
 
 
 def available_bytes() -> int | None:
@@ -21,6 +22,8 @@ def available_bytes() -> int | None:
 
 def refuse_beyond(wanted: int, what: str) -> None:
     """Raise ValueError where ``wanted`` bytes are more than most of the free memory."""
+    if wanted <= _NEVER_REFUSED:
+        return
     free = available_bytes()
     if free is not None and wanted > _SHARE * free:
         raise ValueError(f"{what} would take {wanted:,} bytes, and {free:,} are free; use a coarser grid")

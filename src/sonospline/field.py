@@ -177,6 +177,8 @@ class KernelField(Field):
         Where the affine part is a0: the middle of the landmarks.
     grid : Grid, optional
         The lattice of :meth:`on_grid`.
+    nodes : (n, 3) ndarray, optional
+        Lattice index of each landmark, where all lie on nodes of the grid; found where not given.
     """
 
     kernel: Kernel
@@ -185,6 +187,7 @@ class KernelField(Field):
     affine: Array
     reference: Array
     grid: Grid | None = None
+    nodes: NDArray[np.int64] | None = None
 
     def displacement(self, points: ArrayLike) -> Array:
         """Return u (m, 3) at world points (m, 3), in float64."""
@@ -209,27 +212,31 @@ class KernelField(Field):
         _validate.choice("method", method, METHODS)
         grid = self._require_grid()
         _memory.refuse_beyond(_BYTES[method] * grid.node_count, f"grid = {grid.shape}: its displacements")
-        centres, weights, affine = self._scaled(grid.local(self.centres))
+        _, weights, affine = self._scaled(self.centres)
         # The same affine map, seen from node 0 along the lattice axes.
         at_node_0 = (grid.origin - self.reference) @ self.affine[1:] + self.affine[0]
         affine = np.vstack([at_node_0, grid.direction.T @ affine[1:]])
         spacing = tuple(h / self.length for h in grid.spacing)
         if method not in ("direct", "direct32"):
-            fast = self._multilevel(method, spacing, centres, weights)
+            fast = self._multilevel(method, spacing)
             if fast is not None:
                 return fast.plan.evaluate(fast.nodes, weights, affine, fast.depth)
         single = method == "direct32" or (method != "direct" and self.kernel.single_precision)
+        centres = grid.local(self.centres) / self.length
         return self.kernel.sum_on_lattice(grid.shape, spacing, centres, weights, affine, single=single)  # type: ignore[arg-type]
 
-    def _multilevel(
-        self, method: str, spacing: tuple[float, ...], centres: Array, weights: Array
-    ) -> lattice_sum.LatticeSum | None:
+    def _multilevel(self, method: str, spacing: tuple[float, ...]) -> lattice_sum.LatticeSum | None:
         """The multilevel sum where it applies and, for ``"auto"``, where it costs less."""
         if not self.kernel.multilevel:
             return None
+        grid = self._require_grid()
+        nodes = self.nodes
+        if nodes is None:
+            nodes = lattice_sum.node_index(grid.local(self.centres), grid.shape, grid.spacing)
+        if nodes is None:
+            return None
         promise = lattice_sum.PROMISES["accurate" if method == "accurate" else "multilevel"]
-        shape = self._require_grid().shape
-        fast = lattice_sum.choose(shape, spacing, centres, weights / self.length, promise)
+        fast = lattice_sum.choose(grid.shape, spacing, nodes, self.weights, promise)
         return None if fast is None or (method == "auto" and fast.depth == 0) else fast
 
     @cached_property

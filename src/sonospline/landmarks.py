@@ -140,7 +140,7 @@ def _estimate_reachable(tissue: Tissue, needle: Needle, model: NeedleTissueModel
 def _near_axis(tissue: Tissue, needle: Needle, model: NeedleTissueModel) -> Index:
     grid = tissue.grid
     spacing = np.array(grid.spacing)
-    samples = np.arange(0, np.linalg.norm(grid.extent) + 1, 0.5 * spacing.min())
+    samples = np.arange(0, np.linalg.norm(grid.extent) + spacing.max(), 0.5 * spacing.min())
     nearest = np.rint(grid.local(needle.entry + samples[:, None] * needle.direction) / spacing)
     around = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
     nodes = np.unique((nearest[:, None] + around).reshape(-1, 3).astype(np.int64), axis=0)

@@ -53,27 +53,30 @@ def node_index(centres: Array, shape: tuple[int, int, int], spacing: tuple[float
 
 
 def estimated_error(tolerance: float, weights: Array) -> float:
-    """Return the error to expect of a cut-off, in box sides, for weights (n, 3)."""
-    return _ERROR_PER_WEIGHT * tolerance * float(np.sqrt(np.einsum("ja,ja->a", weights, weights).max())) + _ROUNDING
+    """Return the error to expect of a cut-off, in box sides, for the weights (n, 3) of U = r."""
+    return _ERROR_PER_WEIGHT * tolerance * _size(weights) + _ROUNDING
 
 
 def choose(
-    shape: tuple[int, int, int], spacing: tuple[float, ...], centres: Array, weights: Array, promise: float
+    shape: tuple[int, int, int], spacing: tuple[float, ...], nodes: Index, weights: Array, promise: float
 ) -> LatticeSum | None:
     """Return the fastest multilevel sum that keeps a promise; None where there is none.
 
-    Lengths are in box sides. There is none where a landmark lies off the nodes, the cells
-    are too long for their width, or no cut-off is fine enough for such large weights. A
-    depth of 0 says that the direct sum costs less.
+    There is none where the cells are too long for their width (``spacing`` is in box
+    sides), or no cut-off is fine enough for such large weights. A depth of 0 says that the
+    direct sum costs less.
     """
-    nodes = node_index(centres, shape, spacing)
-    if nodes is None:
-        return None
+    finest = (promise - _ROUNDING) / (_ERROR_PER_WEIGHT * max(_size(weights), 1e-300))
     for tolerance, orders in _TOLERANCES:
-        if estimated_error(tolerance, weights) <= promise:
+        if tolerance <= finest:
             plan = _plan(_core.active.MultilevelPlan, shape, spacing, tolerance, orders)
             return plan and LatticeSum(plan, nodes, plan.depth(len(nodes)))
     return None
+
+
+def _size(weights: Array) -> float:
+    """Root of the sum of squares of one component's weights, the largest of the three."""
+    return float(np.sqrt(np.einsum("ja,ja->a", weights, weights).max()))
 
 
 @lru_cache(maxsize=8)

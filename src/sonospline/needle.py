@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -61,12 +62,12 @@ class Needle:
     def __repr__(self) -> str:
         return f"Needle(entry={self.entry.tolist()}, tip={self.tip.tolist()})"
 
-    @property
+    @cached_property
     def depth(self) -> float:
         """Inserted length ``|n_t - n_s|`` in mm."""
         return float(np.linalg.norm(self.tip - self.entry))
 
-    @property
+    @cached_property
     def direction(self) -> Array:
         """(3,) unit vector of the insertion, eq. (10)."""
         return (self.tip - self.entry) / self.depth

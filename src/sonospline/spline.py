@@ -25,8 +25,6 @@ COINCIDENT = 1e-10
 EPSILON_LIMIT = 0.3
 """The paper's +eps is refused from this fraction of the smallest landmark distance on;
 the system is first singular at 0.40 of the spacing of a lattice."""
-_CHECKED = 16
-"""Landmarks whose equation is checked after each solve."""
 _RESIDUAL_LIMIT = 1e-9
 """Largest residual of those equations, relative to the values, before everything is factored anew."""
 
@@ -121,18 +119,17 @@ class PolyharmonicSpline:
         epsilon = _validate.number("paper_epsilon", paper_epsilon)
         _refuse_degenerate(points)
         frame = Frame.around(points)
-        nearest = _refuse_coincident(np.empty((0, 3)), frame.local(points), allowed=smoothing > 0)
-        if kernel.sign < 0:  # +eps regularises a positive definite kernel
-            _refuse_singular(epsilon, nearest * frame.scale)
+        if epsilon > 0 and kernel.sign < 0:  # +eps regularises a positive definite kernel
+            _refuse_singular(epsilon, _closest_pair(points)[0])
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = smoothing + kernel.sign * epsilon
         corners = _spread_out(points)
         base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
         self._begin(kernel, diagonal, frame, base, points[corners], corners)
         self._rest = np.setdiff1d(np.arange(len(points)), corners)
-        self._system.append(frame.local(points[self._rest]))
         self.points = points.copy()
         """(n, 3) landmarks, in the order given and appended."""
+        self._factor(points[self._rest], self.points)
         self._first_size = len(points)
 
     @classmethod
@@ -203,11 +200,21 @@ class PolyharmonicSpline:
             One of them coincides with another; the spline is then as it was.
         """
         new = _validate.points("points", points)
-        local = self._frame.local(new)
-        _refuse_coincident(self._frame.local(self.points), local, allowed=self._diagonal > 0)
-        self._system.append(local)
-        self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(self.points) + len(new))])
-        self.points = np.concatenate([self.points, new])
+        together = np.concatenate([self.points, new])
+        self._factor(new, together)
+        self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(together))])
+        self.points = together
+
+    def _factor(self, new: Array, together: Array) -> None:
+        try:
+            self._system.append(self._frame.local(new))
+        except np.linalg.LinAlgError:
+            distance, i, j = _closest_pair(together)
+            raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero") from None
+
+    def reserve(self, size: int) -> None:
+        """Make room for ``size`` landmarks in all, so that no later append has to."""
+        self._system.reserve(size - len(self._base))
 
     def truncate(self, size: int) -> None:
         """Drop the landmarks from number ``size`` on; those given at the start always stay."""
@@ -235,17 +242,14 @@ class PolyharmonicSpline:
                 f"values has {len(values)} rows for {len(self.points)} landmarks; give one row a landmark "
                 f"(at least for the first {self._first_size})"
             )
-        field = self._solve(values, grid)
-        residual = self._residual(field, values)
+        rest = self._rest[: len(values) - len(self._base)]
+        at_base, others = values[self._base], values[rest]
+        solution = self._system.solve(at_base, others)
+        residual = self._system.residual(solution, others)
         if residual > _RESIDUAL_LIMIT:
             logger.warning("residual %.1e: factoring all %d landmarks anew", residual, len(self.points))
             self._system.refactor()
-            field = self._solve(values, grid)
-        return field
-
-    def _solve(self, values: Array, grid: Grid | None) -> KernelField:
-        rest = self._rest[: len(values) - len(self._base)]
-        solution = self._system.solve(values[self._base], values[rest])
+            solution = self._system.solve(at_base, others)
         weights = np.empty_like(values)
         weights[self._base], weights[rest] = solution.base_weights, solution.weights
         return KernelField(
@@ -256,16 +260,6 @@ class PolyharmonicSpline:
             reference=self._frame.centre,
             grid=grid,
         )
-
-    def _residual(self, field: KernelField, values: Array) -> float:
-        """How far some landmarks are from their values, relative to the largest value."""
-        largest = float(np.abs(values).max())
-        if largest == 0:
-            return 0.0
-        checked = np.unique(np.linspace(0, len(values) - 1, _CHECKED).astype(int))
-        met = field.displacement(field.centres[checked])
-        met += self.kernel.sign * self._diagonal * field.weights[checked]
-        return float(np.abs(met - values[checked]).max()) / largest
 
 
 def _matching_values(points: Array, values: ArrayLike) -> Array:
@@ -295,34 +289,23 @@ def _spread_out(points: Array) -> NDArray[np.int64]:
     return np.array(chosen)
 
 
-def _refuse_coincident(old: Array, new: Array, *, allowed: bool) -> float:
-    """Return the smallest distance of new landmarks from one another and from old ones."""
-    distance, i, j = _closest_pair(old, new)
-    if distance < COINCIDENT and not allowed:
-        raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero")
+def _earlier_distances(points: Array) -> Array:
+    """Distance (n, n) of each landmark from those before it; infinity from itself on."""
+    distance = _core.active.kernel_matrix(0, points, points)
+    distance[np.triu(np.ones(distance.shape, bool))] = np.inf
     return distance
 
 
-def _earlier_distances(old: Array, new: Array) -> Array:
-    """Distance of each new landmark from all before it, (m, n + m); infinity from itself on."""
-    distance = _core.active.kernel_matrix(0, new, np.concatenate([old, new]))
-    corner = distance[:, len(old) :]
-    corner[np.triu(np.ones(corner.shape, bool))] = np.inf
-    return distance
-
-
-def _closest_pair(old: Array, new: Array) -> tuple[float, int, int]:
-    """Smallest distance of a new landmark from an earlier one, and the two numbers."""
-    distance = _earlier_distances(old, new)
-    if distance.size == 0:
-        return np.inf, 0, 0
+def _closest_pair(points: Array) -> tuple[float, int, int]:
+    """Smallest distance of two landmarks, and their numbers, the later one first."""
+    distance = _earlier_distances(points)
     i, j = np.unravel_index(int(distance.argmin()), distance.shape)
-    return float(distance[i, j]), len(old) + int(i), int(j)
+    return float(distance[i, j]), int(i), int(j)
 
 
 def _merge_coincident(points: Array, values: Array) -> tuple[Array, Array]:
     spread = float(np.ptp(points, axis=0).max()) or 1.0
-    distance = _earlier_distances(np.empty((0, 3)), (points - points[0]) / (spread / 2))
+    distance = _earlier_distances((points - points[0]) / (spread / 2))
     twins, partners = np.nonzero(distance < COINCIDENT)
     for twin, partner in zip(twins, partners, strict=True):
         if not np.allclose(values[twin], values[partner], rtol=1e-9, atol=0):

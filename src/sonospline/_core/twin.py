@@ -135,6 +135,9 @@ class CholeskyFactor:
         self._factor = np.block([[self._factor, np.zeros((old, len(rows)))], [left, corner]])
         return True
 
+    def reserve(self, rows: int) -> None:
+        """Make room for so many rows at once; here nothing to do."""
+
     def truncate(self, size: int) -> None:
         """Drop all rows from ``size`` on."""
         self._factor = self._factor[:size, :size]

@@ -19,8 +19,6 @@ using namespace nb::literals;
 
 namespace {
 
-using Affine = nb::ndarray<const double, nb::shape<4, 3>, nb::c_contig, nb::device::cpu>;
-
 sono::KernelSum kernel_sum(int kernel, const Rows &centres, const Rows &weights, const Affine &affine) {
     if (centres.shape(0) != weights.shape(0)) throw nb::value_error("centres and weights differ in length");
     return {static_cast<sono::Kernel>(kernel), centres.data(), weights.data(), centres.shape(0), affine.data()};
@@ -29,7 +27,7 @@ sono::KernelSum kernel_sum(int kernel, const Rows &centres, const Rows &weights,
 template <class T>
 nb::ndarray<nb::numpy, T> sum_at_points(int kernel, Rows points, Rows centres, Rows weights, Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
-    auto out = new_array<T>({points.shape(0), 3});
+    auto out = new_array<T, 2>({points.shape(0), 3});
     nb::gil_scoped_release release;
     sono::sum_at_points<T>(sum, points.data(), points.shape(0), out.data());
     return out;
@@ -40,7 +38,7 @@ nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_
                                          const std::array<double, 3> &spacing, Rows centres, Rows weights,
                                          Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
-    auto out = new_array<T>({shape[0], shape[1], shape[2], 3});
+    auto out = new_array<T, 4>({shape[0], shape[1], shape[2], 3});
     nb::gil_scoped_release release;
     sono::sum_on_lattice<T>(sum, shape, spacing, out.data());
     return out;
@@ -49,14 +47,14 @@ nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_
 nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows centres, Rows weights,
                                                   Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
-    auto out = new_array<double>({points.shape(0), 3, 3});
+    auto out = new_array<double, 3>({points.shape(0), 3, 3});
     nb::gil_scoped_release release;
     sono::gradient_at_points(sum, points.data(), points.shape(0), out.data());
     return out;
 }
 
 nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, Rows points, Rows centres) {
-    auto out = new_array<double>({points.shape(0), centres.shape(0)});
+    auto out = new_array<double, 2>({points.shape(0), centres.shape(0)});
     nb::gil_scoped_release release;
     sono::kernel_matrix(static_cast<sono::Kernel>(kernel), points.data(), points.shape(0), centres.data(),
                         centres.shape(0), out.data());

@@ -4,17 +4,29 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
-#include <vector>
+#include <array>
+
+#include "buffers.hpp"
 
 using Rows = nanobind::ndarray<const double, nanobind::shape<-1, 3>, nanobind::c_contig, nanobind::device::cpu>;
+using Affine = nanobind::ndarray<const double, nanobind::shape<4, 3>, nanobind::c_contig, nanobind::device::cpu>;
 
 /// A new NumPy array that owns its memory.
-template <class T> nanobind::ndarray<nanobind::numpy, T> new_array(const std::vector<std::size_t> &shape) {
-    std::size_t size = 1;
-    for (std::size_t n : shape) size *= n;
-    T *data = new T[size];
-    nanobind::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nanobind::ndarray<nanobind::numpy, T>(data, shape.size(), shape.data(), owner);
+template <class T, std::size_t N>
+nanobind::ndarray<nanobind::numpy, T> new_array(const std::array<std::size_t, N> &shape) {
+    struct Owned {
+        void *memory;
+        std::size_t bytes;
+    };
+    std::size_t bytes = sizeof(T);
+    for (std::size_t n : shape) bytes *= n;
+    auto *owned = new Owned{sono::take_buffer(bytes), bytes};
+    nanobind::capsule owner(owned, [](void *p) noexcept {
+        auto *freed = static_cast<Owned *>(p);
+        sono::return_buffer(freed->memory, freed->bytes);
+        delete freed;
+    });
+    return nanobind::ndarray<nanobind::numpy, T>(owned->memory, N, shape.data(), owner);
 }
 
 void bind_cholesky(nanobind::module_ &m);

@@ -28,6 +28,7 @@ void bind_cholesky(nb::module_ &m) {
         .def(nb::init<>())
         .def_prop_ro("size", &sono::CholeskyFactor::size)
         .def("append", &append, "rows"_a, "smallest_pivot"_a)
+        .def("reserve", &sono::CholeskyFactor::reserve, "rows"_a)
         .def("truncate", &sono::CholeskyFactor::truncate, "size"_a)
         .def("solve", &solve, "x"_a, "first"_a = 0);
 }

@@ -1,17 +1,12 @@
 // Python side of the multilevel sum; its NumPy twin has the documentation. Indices are
 // checked here: a wrong one would write outside the result.
 #include "bindings.hpp"
+
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
-#include <cstdlib>
-#include <new>
 #include <optional>
-
-#if defined(__linux__)
-#include <sys/mman.h>
-#endif
 
 #include "multilevel.hpp"
 
@@ -21,33 +16,9 @@ using namespace nb::literals;
 namespace {
 
 using Index = nb::ndarray<const std::int64_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Weights = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Affine = nb::ndarray<const double, nb::shape<4, 3>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<float, nb::numpy, nb::shape<-1, -1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
-// Large results on huge pages: the first touch of small ones costs as much as the sum.
-constexpr std::size_t kHugePage = std::size_t(2) << 20, kCacheLine = 64;
-
-float *allocate(std::size_t bytes) {
-    const std::size_t alignment = bytes < 2 * kHugePage ? kCacheLine : kHugePage;
-    const std::size_t rounded = (bytes + alignment - 1) / alignment * alignment;
-    void *memory = std::aligned_alloc(alignment, rounded);
-    if (!memory) throw std::bad_alloc();
-#if defined(__linux__)
-    if (alignment == kHugePage) madvise(memory, rounded, MADV_HUGEPAGE);
-#endif
-    return static_cast<float *>(memory);
-}
-
-Out new_result(const sono::MultilevelPlan &plan) {
-    const auto &n = plan.shape();
-    const std::size_t shape[4] = {n[0], n[1], n[2], 3};
-    float *data = allocate(n[0] * n[1] * n[2] * 3 * sizeof(float));
-    nb::capsule owner(data, [](void *p) noexcept { std::free(p); });
-    return Out(data, 4, shape, owner);
-}
-
-void check(const sono::MultilevelPlan &plan, const Index &index, const Weights &weights,
+void check(const sono::MultilevelPlan &plan, const Index &index, const Rows &weights,
            const std::optional<Out> &out) {
     if (index.shape(0) != weights.shape(0)) throw nb::value_error("centre_index and weights differ in length");
     for (std::size_t a = 0; a < 3; ++a) {
@@ -59,10 +30,11 @@ void check(const sono::MultilevelPlan &plan, const Index &index, const Weights &
     }
 }
 
-Out evaluate(sono::MultilevelPlan &plan, Index index, Weights weights, Affine affine, int depth,
+Out evaluate(sono::MultilevelPlan &plan, Index index, Rows weights, Affine affine, int depth,
              std::optional<Out> out) {
     check(plan, index, weights, out);
-    Out result = out ? *out : new_result(plan);
+    const auto &n = plan.shape();
+    Out result = out ? *out : Out(new_array<float, 4>({n[0], n[1], n[2], 3}));
     float *const data = result.data();
     {
         nb::gil_scoped_release release;

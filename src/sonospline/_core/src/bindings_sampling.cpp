@@ -19,15 +19,15 @@ sono::LatticeField lattice_field(const Values &values, const std::array<double, 
 }
 
 nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<double, 3> &spacing, Rows points) {
-    auto out = new_array<double>({points.shape(0), 3});
+    auto out = new_array<double, 2>({points.shape(0), 3});
     nb::gil_scoped_release release;
     sono::sample_lattice(lattice_field(values, spacing), points.data(), points.shape(0), out.data());
     return out;
 }
 
 auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows points, double tolerance, int most) {
-    auto out = new_array<double>({points.shape(0), 3});
-    auto iterations = new_array<std::int32_t>({points.shape(0)});
+    auto out = new_array<double, 2>({points.shape(0), 3});
+    auto iterations = new_array<std::int32_t, 1>({points.shape(0)});
     {
         nb::gil_scoped_release release;
         sono::invert_lattice(lattice_field(values, spacing), points.data(), points.shape(0), tolerance, most,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "cholesky_kernels.hpp"
 #include "kernels.hpp"
@@ -11,63 +12,70 @@ namespace sono {
 namespace {
 
 // Multiplications below which a second thread costs more than it saves.
-constexpr std::size_t kWorkWorthAThread = 300'000;
-constexpr std::size_t kRowsPerBlock = 32;
+// Multiplications below which a second thread costs more than it saves.
+constexpr std::size_t kWorkWorthAThread = 1'000'000;
+constexpr std::size_t kRowsPerBlock = 16;
+
+template <class Body> void over_row_blocks(std::size_t begin, std::size_t end, std::size_t work, const Body &body) {
+    const std::size_t rows = end - begin;
+    if (!rows) return;
+    const std::size_t blocks = work < kWorkWorthAThread ? 1 : (rows + kRowsPerBlock - 1) / kRowsPerBlock;
+    parallel_for(blocks, [&](std::size_t block) {
+        body(begin + rows * block / blocks, begin + rows * (block + 1) / blocks);
+    });
+}
 
 }  // namespace
 
 void CholeskyFactor::reserve(std::size_t rows) {
     if (rows <= stride_) return;
-    const std::size_t stride = (std::max(rows, stride_ + stride_ / 2) + 15) / 16 * 16 + 8;  // no power of two: cache sets
-    std::vector<double> data(stride * stride);
+    const std::size_t stride = (rows + 15) / 16 * 16 + 8;  // no power of two: cache sets
+    Buffer<double> data(stride * stride);
     for (std::size_t i = 0; i < size_; ++i) std::copy_n(row(i), i + 1, data.data() + i * stride);
-    data_.swap(data);
+    data_ = std::move(data);
     stride_ = stride;
 }
 
 bool CholeskyFactor::append(const double *rows, std::size_t m, double smallest_pivot) {
     const std::size_t begin = size_, end = size_ + m;
-    reserve(end);
+    if (end > stride_) reserve(std::max(end, stride_ + stride_ / 2));
     for (std::size_t i = begin; i < end; ++i) std::copy_n(rows + (i - begin) * end, i + 1, row(i));
-    // Left-looking, a panel of columns at a time; no panel straddles old and new rows.
-    for (std::size_t from = 0; from < end;) {
-        const std::size_t limit = from < begin ? begin : end;
-        const std::size_t columns = std::min(kPanel, limit - from);
-        if (!factor_panel(begin, end, from, columns, smallest_pivot)) return false;
-        from += columns;
+    // Against the old rows the new ones are independent of one another ...
+    over_row_blocks(begin, end, m * begin * begin / 2, [&](std::size_t first, std::size_t last) {
+        for (std::size_t from = 0; from < begin; from += kPanel)
+            eliminate(first, last, from, std::min(kPanel, begin - from));
+    });
+    // ... and among themselves they go panel by panel.
+    for (std::size_t from = begin; from < end; from += kPanel) {
+        const std::size_t columns = std::min(kPanel, end - from), below = from + columns;
+        if (!factor_corner(from, columns, smallest_pivot)) return false;
+        over_row_blocks(below, end, (end - below) * columns * from,
+                        [&](std::size_t first, std::size_t last) { eliminate(first, last, from, columns); });
     }
     size_ = end;
     return true;
 }
 
-bool CholeskyFactor::factor_panel(std::size_t begin, std::size_t end, std::size_t from, std::size_t columns,
-                                  double smallest_pivot) {
+void CholeskyFactor::eliminate(std::size_t first, std::size_t last, std::size_t from, std::size_t columns) {
     const CholeskyKernels &inner = *kernels().cholesky;
-    std::size_t below = begin;
-    if (from >= begin) {  // the panel's own rows are new: factor its corner first
-        inner.update(row(from), row(from), row(from) + from, columns, columns, from, stride_);
-        for (std::size_t j = from; j < from + columns; ++j) {
-            double *const l = row(j);
-            for (std::size_t k = from; k < j; ++k) {
-                double sum = l[k];
-                for (std::size_t t = from; t < k; ++t) sum -= l[t] * row(k)[t];
-                l[k] = sum / row(k)[k];
-            }
-            double pivot = l[j];
-            for (std::size_t t = from; t < j; ++t) pivot -= l[t] * l[t];
-            if (!(pivot > smallest_pivot)) return false;
-            l[j] = std::sqrt(pivot);
+    inner.update(row(first), row(from), row(first) + from, last - first, columns, from, stride_);
+    inner.eliminate(row(from) + from, row(first) + from, last - first, columns, stride_);
+}
+
+bool CholeskyFactor::factor_corner(std::size_t from, std::size_t columns, double smallest_pivot) {
+    kernels().cholesky->update(row(from), row(from), row(from) + from, columns, columns, from, stride_);
+    for (std::size_t j = from; j < from + columns; ++j) {
+        double *const l = row(j);
+        for (std::size_t k = from; k < j; ++k) {
+            double sum = l[k];
+            for (std::size_t t = from; t < k; ++t) sum -= l[t] * row(k)[t];
+            l[k] = sum / row(k)[k];
         }
-        below = from + columns;
+        double pivot = l[j];
+        for (std::size_t t = from; t < j; ++t) pivot -= l[t] * l[t];
+        if (!(pivot > smallest_pivot)) return false;
+        l[j] = std::sqrt(pivot);
     }
-    const std::size_t rows = end - below;
-    const std::size_t blocks =
-        rows * columns * from < kWorkWorthAThread ? 1 : (rows + kRowsPerBlock - 1) / kRowsPerBlock;
-    parallel_for(rows ? blocks : 0, [&](std::size_t block) {
-        const std::size_t first = below + rows * block / blocks, last = below + rows * (block + 1) / blocks;
-        inner.update(row(first), row(from), row(first) + from, last - first, columns, from, stride_);
-        inner.eliminate(row(from) + from, row(first) + from, last - first, columns, stride_);
-    });
     return true;
 }
 

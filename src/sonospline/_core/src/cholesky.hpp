@@ -3,7 +3,8 @@
 #pragma once
 
 #include <cstddef>
-#include <vector>
+
+#include "buffers.hpp"
 
 namespace sono {
 
@@ -22,13 +23,15 @@ class CholeskyFactor {
     /// Solves A x = b in place for the first n rows, three right-hand sides (3, n), zero before `first`.
     void solve(double *x, std::size_t n, std::size_t first) const;
 
-  private:
+    /// Makes room for so many rows at once: growing later copies everything.
     void reserve(std::size_t rows);
-    bool factor_panel(std::size_t begin, std::size_t end, std::size_t columns_from, std::size_t columns,
-                      double smallest_pivot);
+
+  private:
+    void eliminate(std::size_t first, std::size_t last, std::size_t from, std::size_t columns);
+    bool factor_corner(std::size_t from, std::size_t columns, double smallest_pivot);
     double *row(std::size_t i) { return data_.data() + i * stride_; }
 
-    std::vector<double> data_;
+    Buffer<double> data_;
     std::size_t stride_ = 0;
     std::size_t size_ = 0;
 };
