@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 Accumulation = Literal["maximum", "incremental"]
 
 
+_LANDMARKS_AHEAD = 96
+"""Landmarks factored before the needle wakes them."""
+
+
 class Insertion:
     """A needle insertion into a block of tissue, Algorithm 1.
 
@@ -172,10 +176,11 @@ class Insertion:
             self._spline.reserve(anchors + len(plan.points))
             self._factored_plan = plan
         known = len(self._spline.points) - anchors
-        # With every face node pinned a landmark costs as much alone as with all the others.
-        wanted = len(plan.points) if self._pins_all_nodes else count
-        if wanted > known:
-            self._spline.append(plan.points[known:wanted])
+        if count > known:
+            # Many at once are cheaper than a few at every step, and the solve takes as many as it needs;
+            # with every face node pinned one costs as much as all.
+            ahead = len(plan.points) if self._pins_all_nodes else count + _LANDMARKS_AHEAD
+            self._spline.append(plan.points[known:ahead])
         values = np.zeros((anchors + count, 3))
         values[anchors:] = plan.history.at(needle.depth, count)
         field = self._spline.solve(values, grid=self.tissue.grid)

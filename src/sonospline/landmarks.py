@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _CENTRINGS = {"simple": 1.0, "face": 0.5, "body": 0.25}
-_SAMPLE = 20_000
-_SURELY_TOO_MANY = 4.0
+_SAMPLE = 4_000
+_SURELY_TOO_MANY = 2.0
 
 AXIS_REACH = 0.75
 """Nodes this near to the axis, in spacings, are landmarks before any others."""

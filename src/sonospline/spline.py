@@ -209,7 +209,7 @@ class PolyharmonicSpline:
         try:
             self._system.append(self._frame.local(new))
         except np.linalg.LinAlgError:
-            distance, i, j = _closest_pair(together)
+            _, i, j = _closest_pair(together)
             raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero") from None
 
     def reserve(self, size: int) -> None:

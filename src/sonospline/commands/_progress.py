@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 from .._extras import present
@@ -20,3 +21,24 @@ def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) ->
     from rich.progress import track as rich_track
 
     yield from rich_track(items, label, total=total, console=Console(stderr=True))
+
+
+@contextmanager
+def bar(label: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function told of steps done and steps in all, which draws a bar where somebody is watching."""
+    if quiet or not sys.stderr.isatty() or not present("rich"):
+        yield lambda done, of: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task(label, total=None)
+        yield lambda done, of: progress.update(task, completed=done, total=of)
+
+
+def say(*, quiet: bool = False) -> Callable[[str], None]:
+    """Return a function that tells, on stderr, what a long run is at."""
+    if quiet:
+        return lambda text: None
+    return lambda text: print(text, file=sys.stderr, flush=True)  # noqa: T201

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .. import _core, _validate
 from ..field import Field
 from ..figure import draw_insertion
+from ..grid_field import GridField
 from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
 from ..io.staging import staged_folder
@@ -29,7 +30,7 @@ from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
 from ..volume import Volume
 from . import _parameters
-from ._progress import track
+from ._progress import bar, track
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ EXAMPLES = """examples:
   sonospline insert --volume us.mha --frame IJK --entry 0,50,50 --target 90,55,50 --out out
   sonospline insert --set shaft_displacement=3.5 --steps 40 --json --out out
 """
+_MANY_ANCHORS = 2000
 KERNELS = {"biharmonic": Biharmonic, "triharmonic": Triharmonic}
 
 
@@ -145,15 +147,18 @@ def _insertion(args: argparse.Namespace, volume: Volume, path: Needle) -> Insert
     face = grid.nearest_face(path.entry) if args.entry_face == "auto" else args.entry_face
     preset = NeedleTissueModel.paper_incremental if args.accumulation == "incremental" else NeedleTissueModel.paper
     model = _parameters.apply(preset(grid.side), args.parameters, args.set)
-    return Insertion(
-        Tissue(grid, entry_face=face),
-        model,
-        kernel=KERNELS[args.kernel](),
-        anchors=_anchors(args.anchors),
-        max_landmarks=args.max_landmarks,
-        smoothing=args.smoothing,
-        accumulation=args.accumulation,
-    )
+    anchors = _anchors(args.anchors)
+    with bar("factoring the faces", quiet=args.quiet or anchors != "all") as progress:
+        return Insertion(
+            Tissue(grid, entry_face=face),
+            model,
+            kernel=KERNELS[args.kernel](),
+            anchors=anchors,
+            max_landmarks=args.max_landmarks,
+            smoothing=args.smoothing,
+            accumulation=args.accumulation,
+            progress=progress,
+        )
 
 
 def _anchors(text: str) -> int | Literal["all"]:
@@ -181,7 +186,9 @@ def _write(
     grid = outcome.insertion.tissue.grid
     displacement = outcome.field.on_grid()
     det = np.linalg.det(outcome.field.jacobian(grid.points)).reshape(grid.shape)
-    warp = ImageWarp.of(outcome.field)
+    # With every face node a landmark, summing at each iterate would take minutes.
+    many = len(outcome.insertion.anchors) > _MANY_ANCHORS
+    warp = ImageWarp.of(GridField.of(outcome.field, "accurate") if many else outcome.field)
     warped = warp.apply(volume)
     write_volume(warped, folder / warped_name)
     warp.write(folder / "displacement.h5")

@@ -1,0 +1,1 @@
+"""The race behind ``sonospline bench``: problems, contenders, fair timing, report."""

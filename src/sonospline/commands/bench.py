@@ -1,0 +1,81 @@
+"""``sonospline bench``: the race against every peer, in one run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .. import _core, _validate
+from ..benchmark import claims, machine, report, suite
+from ..io.staging import staged_folder
+from ._progress import say
+
+HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run"
+EXAMPLES = """examples:
+  sonospline bench --out bench              # everything, about ten minutes
+  sonospline bench --quick --out bench      # 25^3 only, no long peers, half a minute
+  sonospline bench --json --out bench | python -m json.tool
+
+Peers are optional: pip install 'sonospline[bench]'. One that is absent is a row that says so.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    parser.add_argument("--threads", type=int, default=2, metavar="N", help="processors to hold the run to (2)")
+    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="turns of each contender (5)")
+    parser.add_argument("--quick", action="store_true", help="small sizes only: a check, not a measurement")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON on stdout")
+    parser.add_argument("--quiet", action="store_true", help="say nothing meanwhile")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Do the verb; return its results."""
+    processors = machine.pin(_validate.count("--threads", args.threads))
+    rounds = _validate.count("--rounds", args.rounds)
+    if _core.backend() != "core":
+        raise RuntimeError("the compiled core is not in use, so there is nothing to race; see sonospline doctor")
+    with staged_folder(args.out) as folder:
+        measure = _measure_quick if args.quick else _measure
+        results = {"machine": machine.describe(processors), **measure(rounds, say(quiet=args.quiet))}
+        results["claims"] = [] if args.quick else claims.judge(results)
+        (folder / "bench.json").write_text(json.dumps(results, indent=2) + "\n")
+        (folder / "bench.md").write_text(report.tables(results))
+        report.draw_cost(results, folder / "cost.png")
+    return results
+
+
+def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
+    """Return what a person wants to see first."""
+    shown = report.claims(results["claims"]) if results["claims"] else report.tables(results)
+    return f"{shown}\n\neverything: {args.out / 'bench.md'}, picture: {args.out / 'cost.png'}"
+
+
+def _measure(rounds: int, tell: Callable[[str], None]) -> dict[str, Any]:
+    return {
+        "whole_step": suite.whole_step((300, 1000), rounds, tell),
+        "multilevel_against_direct": suite.multilevel_against_direct(
+            ((53, 300), (53, 1000), (216, 1000)), rounds, tell
+        ),
+        "incremental": suite.incremental((20, 200), rounds, tell),
+        "insertion_step": suite.insertion_step(rounds, tell),
+        "sampling": suite.sampling(rounds, tell),
+        "growth": suite.growth((25, 53, 100, 216, 464), (100, 300, 3000), rounds, tell),
+        "all_nodes": suite.all_nodes((25, 48, 53, 100), (100, 300, 1000), rounds, tell),
+    }
+
+
+def _measure_quick(rounds: int, tell: Callable[[str], None]) -> dict[str, Any]:
+    return {
+        "whole_step": suite.whole_step((100,), rounds, tell, side=25),
+        "multilevel_against_direct": suite.multilevel_against_direct(((25, 300),), rounds, tell),
+        "incremental": suite.incremental((20,), rounds, tell, count=200),
+        "insertion_step": suite.insertion_step(rounds, tell, side=13),
+        "sampling": suite.sampling(rounds, tell),
+        "growth": suite.growth((25, 31), (100,), rounds, tell, at=25),
+        "all_nodes": suite.all_nodes((25,), (100,), rounds, tell),
+    }
