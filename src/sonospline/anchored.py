@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 _SMALLEST_PIVOT = 1e-11
 """Coincident landmarks leave rounding here; neighbours on the finest lattices a thousand times more."""
+_WORTH_THREADS = 20_000_000
+_ONE_THREAD = 60_000
+"""Multiplications: of a product for which spinning threads pay, and for which BLAS starts none."""
 _CHECKED = 8
 """About so many landmarks have their equation checked after a solve."""
 
@@ -62,6 +65,19 @@ class CornerBase(Base):
 
     def solve(self, columns: Array) -> Array:
         return columns @ self._inverse
+
+
+def _subtract_product(rows: Array, columns: Array, solved: Array) -> None:
+    """``rows -= columns @ solved.T``; a small product stays on this thread.
+
+    The threads of a BLAS spin for milliseconds after their work, on the very processors
+    that the core's threads then need.
+    """
+    whole = rows.size * columns.shape[1]
+    height = len(rows) if whole > _WORTH_THREADS else max(1, _ONE_THREAD // max(1, whole // max(1, len(rows))))
+    for start in range(0, len(rows), max(1, height)):
+        part = slice(start, start + height)
+        rows[part] -= columns[part] @ solved.T
 
 
 class Solution(NamedTuple):
@@ -103,7 +119,7 @@ class AnchoredSystem:
         all_points = np.concatenate([self._points, points])
         all_solved = np.concatenate([self._solved, self._base.solve(columns)])
         rows = self._kernel.matrix(points, all_points)
-        rows -= columns @ all_solved.T
+        _subtract_product(rows, columns, all_solved)
         rows *= self._kernel.sign
         np.einsum("ii->i", rows[:, len(self._points) :])[:] += self._diagonal
         if not self._factor.append(rows, _SMALLEST_PIVOT):

@@ -106,7 +106,7 @@ class Insertion:
         self._spline.truncate(len(self.anchors))
         self.field: Field = self._spline.solve(np.zeros_like(self.anchors), grid=self.tissue.grid)
 
-    def _anchored_spline(self, anchors: int | str, progress: Progress | None) -> PolyharmonicSpline:
+    def _anchored_spline(self, anchors: int | Literal["all"], progress: Progress | None) -> PolyharmonicSpline:
         if anchors == "all":
             if self.accumulation == "incremental":
                 raise ValueError(
@@ -115,7 +115,7 @@ class Insertion:
             return PolyharmonicSpline.pinning_faces(
                 self.tissue, kernel=self.kernel, smoothing=self.smoothing, progress=progress
             )
-        return self._new_spline(select_anchors(self.tissue, _validate.count("anchors", anchors, least=2)))  # type: ignore[arg-type]
+        return self._new_spline(select_anchors(self.tissue, _validate.count("anchors", anchors, least=2)))
 
     def _new_spline(self, points: Array) -> PolyharmonicSpline:
         return PolyharmonicSpline(points, kernel=self.kernel, smoothing=self.smoothing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,6 +61,10 @@ class Frame:
     def diagonal(self, value: float, kernel: Kernel) -> float:
         """Return a number on the kernel matrix's diagonal in the frame's units."""
         return value / self.scale**kernel.homogeneity
+
+
+class CoincidentError(ValueError):
+    """Two landmarks are one; the message names them."""
 
 
 class PolyharmonicSpline:
@@ -120,7 +125,7 @@ class PolyharmonicSpline:
         _refuse_degenerate(points)
         frame = Frame.around(points)
         if epsilon > 0 and kernel.sign < 0:  # +eps regularises a positive definite kernel
-            _refuse_singular(epsilon, _closest_pair(points)[0])
+            _refuse_singular(epsilon, _closest_pair(points, since=0)[0])
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = smoothing + kernel.sign * epsilon
         corners = _spread_out(points)
@@ -129,7 +134,7 @@ class PolyharmonicSpline:
         self._rest = np.setdiff1d(np.arange(len(points)), corners)
         self.points = points.copy()
         """(n, 3) landmarks, in the order given and appended."""
-        self._factor(points[self._rest], self.points)
+        self._factor(points[self._rest], self.points, since=0)
         self._first_size = len(points)
 
     @classmethod
@@ -186,9 +191,12 @@ class PolyharmonicSpline:
         """
         points = _validate.points("points", points)
         values = _matching_values(points, values)
-        if smoothing == 0 and len(points):
+        make = partial(cls, kernel=kernel, smoothing=smoothing, paper_epsilon=paper_epsilon)
+        try:
+            spline = make(points)
+        except CoincidentError:
             points, values = _merge_coincident(points, values)
-        spline = cls(points, kernel=kernel, smoothing=smoothing, paper_epsilon=paper_epsilon)
+            spline = make(points)
         return spline.solve(values, grid=grid)
 
     def append(self, points: ArrayLike) -> None:
@@ -201,16 +209,18 @@ class PolyharmonicSpline:
         """
         new = _validate.points("points", points)
         together = np.concatenate([self.points, new])
-        self._factor(new, together)
+        self._factor(new, together, since=len(self.points))
         self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(together))])
         self.points = together
 
-    def _factor(self, new: Array, together: Array) -> None:
+    def _factor(self, new: Array, together: Array, *, since: int) -> None:
         try:
             self._system.append(self._frame.local(new))
         except np.linalg.LinAlgError:
-            _, i, j = _closest_pair(together)
-            raise ValueError(f"points {j} and {i} coincide; remove one of them or set smoothing above zero") from None
+            _, i, j = _closest_pair(together, since=since)
+            raise CoincidentError(
+                f"points {j} and {i} coincide; remove one of them or set smoothing above zero"
+            ) from None
 
     def reserve(self, size: int) -> None:
         """Make room for ``size`` landmarks in all, so that no later append has to."""
@@ -289,23 +299,23 @@ def _spread_out(points: Array) -> NDArray[np.int64]:
     return np.array(chosen)
 
 
-def _earlier_distances(points: Array) -> Array:
-    """Distance (n, n) of each landmark from those before it; infinity from itself on."""
-    distance = _core.active.kernel_matrix(0, points, points)
-    distance[np.triu(np.ones(distance.shape, bool))] = np.inf
+def _earlier_distances(points: Array, *, since: int) -> Array:
+    """Distance (n - since, n) of the landmarks from number ``since`` on to those before; infinity elsewhere."""
+    distance = _core.active.kernel_matrix(0, points[since:], points)
+    distance[:, since:][np.triu(np.ones((len(distance),) * 2, bool))] = np.inf
     return distance
 
 
-def _closest_pair(points: Array) -> tuple[float, int, int]:
-    """Smallest distance of two landmarks, and their numbers, the later one first."""
-    distance = _earlier_distances(points)
+def _closest_pair(points: Array, *, since: int) -> tuple[float, int, int]:
+    """Smallest distance of a landmark from number ``since`` on to an earlier one; the numbers of the two."""
+    distance = _earlier_distances(points, since=since)
     i, j = np.unravel_index(int(distance.argmin()), distance.shape)
-    return float(distance[i, j]), int(i), int(j)
+    return float(distance[i, j]), since + int(i), int(j)
 
 
 def _merge_coincident(points: Array, values: Array) -> tuple[Array, Array]:
     spread = float(np.ptp(points, axis=0).max()) or 1.0
-    distance = _earlier_distances((points - points[0]) / (spread / 2))
+    distance = _earlier_distances((points - points[0]) / (spread / 2), since=0)
     twins, partners = np.nonzero(distance < COINCIDENT)
     for twin, partner in zip(twins, partners, strict=True):
         if not np.allclose(values[twin], values[partner], rtol=1e-9, atol=0):

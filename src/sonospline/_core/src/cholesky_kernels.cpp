@@ -51,7 +51,13 @@ void update(const double *rows, const double *panel, double *target, std::size_t
             std::size_t depth, std::size_t stride) {
     std::size_t r = 0;
     for (; r + 4 <= m; r += 4) update_rows<4>(rows + r * stride, panel, target + r * stride, columns, depth, stride);
-    for (; r < m; ++r) update_rows<1>(rows + r * stride, panel, target + r * stride, columns, depth, stride);
+    // The last rows together too: each pass reads the whole panel from memory.
+    rows += r * stride, target += r * stride;
+    switch (m - r) {
+        case 3: return update_rows<3>(rows, panel, target, columns, depth, stride);
+        case 2: return update_rows<2>(rows, panel, target, columns, depth, stride);
+        case 1: return update_rows<1>(rows, panel, target, columns, depth, stride);
+    }
 }
 
 // Eight rows at a time, transposed so that the recurrence runs across vector lanes.
