@@ -7,18 +7,15 @@ blocks of a quarter the size, which are factored once for a grid and kept on dis
 
 from __future__ import annotations
 
-import hashlib
-import logging
-import os
-import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _memory
+from . import _cache, _memory
 from .anchored import Base
 from .grid import FACES
 from .kernels import Kernel
@@ -28,8 +25,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Progress = Callable[[int, int], None]
 """Called with steps done and steps in all."""
-
-logger = logging.getLogger(__name__)
 
 _PARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """Even (1) or odd (-1) under each of the two reflections."""
@@ -81,12 +76,16 @@ class FaceBase(Base):
         augmentation = _AUGMENTATION * abs(largest)
         self._blocks = [_Block(parity, orbits, self._points, along_face, augmentation) for parity in _PARITIES]
         signature = (_CACHE_FORMAT, grid.shape, np.round(np.divide(grid.spacing, scale), 12).tolist())
-        cache = _cache_folder() / f"faces-{_digest(*signature, tissue.entry_face, repr(kernel), diagonal)}"
+        cache = _cache.folder() / f"faces-{_cache.digest(*signature, tissue.entry_face, repr(kernel), diagonal)}"
         for number, block in enumerate(self._blocks):
             if progress:
                 progress(number, len(self._blocks))
-            packed = _load(cache, number, block.packed_size)
-            block.take(_kept(cache, number, block.factor(kernel, diagonal)) if packed is None else packed)
+            file = cache / f"block{number}.npy"
+            packed = _cache.recall(file, partial(_read_block, size=block.packed_size), "the factored faces")
+            if packed is None:
+                packed = block.factor(kernel, diagonal)
+                _cache.keep(file, partial(np.save, arr=packed), "the factored faces")
+            block.take(packed)
         if progress:
             progress(len(self._blocks), len(self._blocks))
 
@@ -202,31 +201,8 @@ def _linear_parity(axis: int, along_face: list[int]) -> tuple[int, int]:
     return tuple(-1 if axis == mirrored else 1 for mirrored in along_face)  # type: ignore[return-value]
 
 
-def _digest(*parts: object) -> str:
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
-
-
-def _cache_folder() -> Path:
-    """``SONOSPLINE_CACHE``, or the user's cache folder."""
-    default = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sonospline"
-    return Path(os.environ.get("SONOSPLINE_CACHE") or default)
-
-
-def _load(cache: Path, number: int, size: int) -> Array | None:
-    try:
-        packed = np.load(cache / f"block{number}.npy")
-    except (OSError, ValueError, EOFError):
-        return None
-    return packed if packed.shape == (size,) and packed.dtype == np.float64 else None
-
-
-def _kept(cache: Path, number: int, packed: Array) -> Array:
-    """Keep a block on disk for the next time; failing to is no error."""
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=cache, suffix=".npy", delete=False) as file:
-            np.save(file, packed)
-        Path(file.name).replace(cache / f"block{number}.npy")
-    except OSError as error:
-        logger.warning("cannot keep the factored faces in %s: %s", cache, error)
+def _read_block(file: Path, size: int) -> Array:
+    packed = np.load(file)
+    if packed.shape != (size,) or packed.dtype != np.float64:
+        raise ValueError(f"it holds {packed.dtype} {packed.shape}, not {size} numbers")
     return packed

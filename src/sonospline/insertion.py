@@ -134,7 +134,7 @@ class Insertion:
         ValueError
             A needle outside the tissue, or (incremental only) one that does not advance.
         """
-        self._check(entry=needle.entry, tip=needle.tip)
+        self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
         plan = self._plan_for(needle)
         if self.accumulation == "maximum":
             count = plan.active_count(needle.depth)
@@ -148,20 +148,8 @@ class Insertion:
         """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
         _validate.count("steps", steps)
         whole = Needle(entry, target)
-        self._check(entry=whole.entry, target=whole.tip)
+        self.tissue.check_inside(entry=whole.entry, target=whole.tip)
         return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
-
-    def _check(self, **points: Array) -> None:
-        inside = self.tissue.grid.contains(np.array(list(points.values())))
-        if inside.all():
-            return
-        name, point = list(points.items())[int(inside.argmin())]
-        raise ValueError(f"{name} = {point.tolist()} lies outside the tissue; move it into {self._box()}")
-
-    def _box(self) -> str:
-        corners = self.tissue.grid.world(np.stack([np.zeros(3), self.tissue.grid.extent]))
-        low, high = np.round(corners.min(axis=0), 3), np.round(corners.max(axis=0), 3)
-        return " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
 
     def _plan_for(self, needle: Needle) -> LandmarkPlan:
         if self.plan is not None and self.needle is not None and _same_axis(self.needle, needle):

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from . import _validate
 from .grid import FACES, Grid
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
 class Tissue:
@@ -48,6 +50,17 @@ class Tissue:
     def pinned(self) -> NDArray[np.bool_]:
         """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
         return self.grid.on_faces(self.pinned_faces)
+
+    def check_inside(self, **points: Array) -> None:
+        """Raise ValueError for the first of the named world points that lies outside the tissue."""
+        inside = self.grid.contains(np.array(list(points.values())))
+        if inside.all():
+            return
+        name, point = list(points.items())[int(inside.argmin())]
+        corners = self.grid.world(np.stack([np.zeros(3), self.grid.extent]))
+        low, high = np.round(corners.min(axis=0), 3), np.round(corners.max(axis=0), 3)
+        box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+        raise ValueError(f"{name} = {point.tolist()} lies outside the tissue; move it into {box}")
 
     def boundary_drift(self, displacement: NDArray[np.floating]) -> float:
         """Return how far any pinned node moves in a displacement (nx, ny, nz, 3); ideally zero.
