@@ -6,7 +6,15 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-PROVIDES = {"SimpleITK": "io", "vtkmodules": "io", "matplotlib": "plot", "rich": "cli"}
+PROVIDES = {
+    "SimpleITK": "io",
+    "vtkmodules": "io",
+    "matplotlib": "plot",
+    "rich": "cli",
+    "skfem": "fem",
+    "pyamg": "fem",
+    "pypardiso": "direct",
+}
 """Module -> the extra that brings it."""
 
 

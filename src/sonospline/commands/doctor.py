@@ -22,7 +22,7 @@ EXAMPLES = """examples:
   sonospline doctor
   sonospline doctor --json
 """
-_DISTRIBUTION = {"vtkmodules": "vtk"}
+_DISTRIBUTION = {"vtkmodules": "vtk", "skfem": "scikit-fem"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,109 @@
+"""What every finite element engine is given, and what it gives back."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .material import Material
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+INTEGRATIONS = ("full", "mean_dilatation")
+SOLVERS = ("multigrid", "direct", "from_scratch")
+
+_LOCKS_ABOVE = 0.47
+_MEAN_DILATATION_UP_TO = 0.499
+
+
+class StepTimes(NamedTuple):
+    """Where the seconds of one solve went."""
+
+    assembly_s: float
+    """Making the matrices."""
+    setup_s: float
+    """Making the multigrid hierarchy or the factor."""
+    load_s: float
+    """Making the right-hand side."""
+    solve_s: float
+    """Iterating or substituting back."""
+    iterations: int
+    """Of conjugate gradients; 0 for a back-substitution."""
+
+    @property
+    def total_s(self) -> float:
+        """All of it."""
+        return self.assembly_s + self.setup_s + self.load_s + self.solve_s
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """-div sigma = b on a mesh, with what of it stays for every load.
+
+    Displacements are continuous and linear along each edge; sigma is Hooke's law,
+    2 mu eps + lambda tr(eps) I, with the trace replaced by its mean over the element for
+    ``integration="mean_dilatation"``. The material is isotropic, so the points may be given
+    in any frame.
+    """
+
+    points: Array
+    """(N, 3) positions of the nodes."""
+    cells: NDArray[np.int64]
+    """(E, 8) or (E, 4) node numbers, as :func:`sonospline.fem.mesh.cells` orders them."""
+    pinned: Mask
+    """(N,) nodes whose displacement is prescribed, all components of it."""
+    material: Material
+    integration: str
+    """One of :data:`INTEGRATIONS`."""
+    solver: str
+    """One of :data:`SOLVERS`."""
+    tolerance: float
+    """Largest residual left by conjugate gradients, relative to the right-hand side."""
+
+
+class Engine(ABC):
+    """Solves a :class:`System` for one load after another."""
+
+    @abstractmethod
+    def __init__(self, system: System) -> None: ...
+
+    @abstractmethod
+    def solve(self, body_force: Array, prescribed: Array, held: Mask | None = None) -> tuple[Array, StepTimes]:
+        """Return the displacement (N, 3) of the nodes, and where the time went.
+
+        Parameters
+        ----------
+        body_force : (N, 3) array
+            Force per volume at the nodes, linear between them: the nodal load is the
+            consistent mass matrix times it.
+        prescribed : (N, 3) array
+            Displacement at the pinned nodes and the held components; not read elsewhere.
+        held : (N, 3) array of bool, optional
+            Further components with a prescribed displacement.
+
+        Raises
+        ------
+        RuntimeError
+            Conjugate gradients did not converge.
+        """
+
+
+def check_locking(material: Material, element: str, integration: str) -> None:
+    """Raise ValueError where these elements lock: nearly incompressible tissue then looks too stiff."""
+    ratio = material.poissons_ratio
+    if integration == "full" or element == "tetrahedron":
+        if ratio > _LOCKS_ABOVE:
+            what = "linear tetrahedra lock" if element == "tetrahedron" else "integration = 'full' locks"
+            raise ValueError(
+                f"poissons_ratio = {ratio:g} with element = {element!r}: {what} above {_LOCKS_ABOVE}; "
+                "use element='hexahedron' with integration='mean_dilatation'"
+            )
+    elif ratio > _MEAN_DILATATION_UP_TO:
+        raise ValueError(
+            f"poissons_ratio = {ratio:g} is too near to 0.5 to be solved accurately; give at most {_MEAN_DILATATION_UP_TO}"
+        )
