@@ -6,7 +6,7 @@ SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/sonospli
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test lint types check docs bench clean
+.PHONY: run test lint types check docs bench fenicsx clean
 
 run: .venv/run.stamp  ## push a needle into the generated phantom and say where the picture is
 	$(BIN)/sonospline insert --out $(OUT)
@@ -29,6 +29,13 @@ docs: .venv/dev.stamp
 
 bench: .venv/dev.stamp  ## the claims that carry a time
 	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+SUDO = $(shell test "$$(id -u)" = 0 || echo sudo)
+
+fenicsx:  ## the paper's finite element engine, for the system's Python (Debian, Ubuntu); OpenBLAS makes its solver fast
+	$(SUDO) apt-get update -qq
+	$(SUDO) apt-get install -y -qq --no-install-recommends python3-dolfinx-real libopenblas0-pthread
+	/usr/bin/python3 -c 'import dolfinx; print("DOLFINx", dolfinx.__version__)'
 
 .venv/pip.stamp:
 	$(PYTHON) -m venv .venv

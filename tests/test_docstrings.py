@@ -11,7 +11,7 @@ import pytest
 import sonospline
 
 ROOT = Path(sonospline.__file__).parent
-EXTRAS = ("SimpleITK", "vtk", "vtkmodules", "matplotlib", "rich")
+EXTRAS = ("SimpleITK", "vtk", "vtkmodules", "matplotlib", "rich", "skfem", "pyamg", "pypardiso")
 
 
 def module_names():
@@ -32,6 +32,7 @@ def test_the_search_finds_the_rooms():
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # an example may write a file
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
     results = doctest.testmod(importlib.import_module(name))
     assert results.failed == 0
 

@@ -35,6 +35,12 @@ class StepTimes(NamedTuple):
     iterations: int
     """Of conjugate gradients; 0 for a back-substitution."""
 
+    @classmethod
+    def between(cls, clock: list[float], iterations: int) -> StepTimes:
+        """Return the times between five readings of a clock."""
+        assembly, setup, load, solve = np.diff(clock).tolist()
+        return cls(assembly, setup, load, solve, iterations)
+
     @property
     def total_s(self) -> float:
         """All of it."""
@@ -105,5 +111,6 @@ def check_locking(material: Material, element: str, integration: str) -> None:
             )
     elif ratio > _MEAN_DILATATION_UP_TO:
         raise ValueError(
-            f"poissons_ratio = {ratio:g} is too near to 0.5 to be solved accurately; give at most {_MEAN_DILATATION_UP_TO}"
+            f"poissons_ratio = {ratio:g} is too near to 0.5 to be solved accurately; "
+            f"give at most {_MEAN_DILATATION_UP_TO}"
         )

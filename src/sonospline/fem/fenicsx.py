@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 import weakref
 from functools import cache
 from pathlib import Path
@@ -52,7 +51,7 @@ class FEniCSx(Engine):
         given = np.broadcast_to(self._system.pinned[:, None], prescribed.shape)
         given = given if held is None else given | held
         answer = self._worker.ask("solve", body_force=body_force, prescribed=prescribed, given=given)
-        times = StepTimes(*answer["times"].tolist(), int(answer["iterations"]))
+        times = StepTimes.between(answer["clock"].tolist(), int(answer["iterations"]))
         return answer["displacement"], times
 
 

@@ -11,9 +11,15 @@ import inspect
 import os
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Task = dict[str, Any]
 
 _OPTIONS = {
     "multigrid": {
@@ -31,7 +37,7 @@ _MOST_ITERATIONS = 5000
 class Elasticity:
     """Linear elasticity on given nodes and cells."""
 
-    def __init__(self, task):
+    def __init__(self, task: Task) -> None:
         import ufl
         from dolfinx import fem
 
@@ -49,7 +55,7 @@ class Elasticity:
         averaged = str(task["integration"]) == "mean_dilatation"
         dilatation = ufl.dx(metadata={"quadrature_degree": 1}) if averaged else exact
 
-        def strain(u):
+        def strain(u: Any) -> Any:
             return ufl.sym(ufl.grad(u))
 
         self._stiffness_form = fem.form(
@@ -57,9 +63,12 @@ class Elasticity:
             + first_lame * ufl.inner(ufl.div(trial), ufl.div(test)) * dilatation
         )
         self._load_form = fem.form(ufl.inner(self._force, test) * exact)
-        self._stiffness = self._eliminated = self._krylov = self._given = None
+        self._stiffness: Any = None
+        self._eliminated: Any = None
+        self._krylov: Any = None
+        self._given: Any = None
 
-    def solve(self, task):
+    def solve(self, task: Task) -> Task:
         """Return the displacement under one load, its times and its iterations."""
         from dolfinx.fem import petsc
 
@@ -94,9 +103,9 @@ class Elasticity:
         displacement = np.real(unknown.array + known.array).reshape(-1, 3)[self._dofs]
         clock.append(time.perf_counter())
         iterations = 0 if self._solver == "direct" else self._krylov.getIterationNumber()
-        return {"displacement": displacement, "times": np.diff(clock), "iterations": iterations}
+        return {"displacement": displacement, "clock": clock, "iterations": iterations}
 
-    def _new_krylov(self):
+    def _new_krylov(self) -> Any:
         from petsc4py import PETSc
 
         matrix = self._eliminated
@@ -116,7 +125,7 @@ class Elasticity:
         krylov.setUp()
         return krylov
 
-    def _rigid_motions(self):
+    def _rigid_motions(self) -> Any:
         from petsc4py import PETSc
 
         points = np.empty((len(self._dofs), 3))
@@ -127,12 +136,12 @@ class Elasticity:
             motions[:, b, 3 + axis], motions[:, a, 3 + axis] = points[:, a], -points[:, b]
         basis, _ = np.linalg.qr(motions.reshape(-1, 6))
         vectors = [self._stiffness.createVecRight() for _ in range(6)]
-        for vector, motion in zip(vectors, basis.T):
+        for vector, motion in zip(vectors, basis.T, strict=True):
             vector.array[:] = motion
         return PETSc.NullSpace().create(vectors=vectors, comm=self._stiffness.comm)
 
 
-def _mesh(points, cells):
+def _mesh(points: Array, cells: NDArray[np.int64]) -> Any:
     import ufl
     from dolfinx.mesh import create_mesh
     from mpi4py import MPI
@@ -149,7 +158,7 @@ def _mesh(points, cells):
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=points, **{name: ufl.Mesh(element)})
 
 
-def _vector_space(mesh):
+def _vector_space(mesh: Any) -> Any:
     from dolfinx import fem
 
     if hasattr(fem, "functionspace"):
@@ -157,7 +166,7 @@ def _vector_space(mesh):
     return fem.VectorFunctionSpace(mesh, ("Lagrange", 1))  # before 0.8
 
 
-def _dofs_of_nodes(space, count):
+def _dofs_of_nodes(space: Any, count: int) -> NDArray[np.int64]:
     """The block of unknowns of each node as it was given: DOLFINx numbers nodes and unknowns anew."""
     geometry = space.mesh.geometry
     nodes, dofs = (np.asarray(getattr(of, "array", of)).ravel() for of in (geometry.dofmap, space.dofmap.list))
@@ -167,21 +176,22 @@ def _dofs_of_nodes(space, count):
     return blocks
 
 
-def _constant(mesh, value):
+def _constant(mesh: Any, value: float) -> Any:
     from dolfinx import fem
     from petsc4py import PETSc
 
     return fem.Constant(mesh, PETSc.ScalarType(value))
 
 
-def _serve(folder, tasks, say):
-    elasticity = None
+def _serve(folder: Path, tasks: Iterable[str], say: IO[str]) -> None:
+    elasticity: Elasticity | None = None
     for line in tasks:
         with np.load(folder / "task.npz") as file:
             task = dict(file)
         if line.strip() == "build":
-            elasticity, answer = Elasticity(task), {}
+            elasticity, answer = Elasticity(task), Task()
         else:
+            assert elasticity is not None
             answer = elasticity.solve(task)
         np.savez(folder / "answer.npz", **answer)
         say.write("done\n")

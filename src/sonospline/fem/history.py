@@ -107,7 +107,7 @@ def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> Array:
-    with np.load(file) as kept:
+    with file.open("rb") as stream, np.load(stream) as kept:
         if int(kept["version"]) != _VERSION:
             raise ValueError(f"it is of version {int(kept['version'])}, not {_VERSION}")
         history = kept["history"]

@@ -150,7 +150,8 @@ class ShaftDisplacement(Load):
     def for_cube(cls, side: float) -> ShaftDisplacement:
         """Return the default with every length multiplied by the side of a cube."""
         side = _validate.number("side", side, positive=True)
-        return cls(**{field.name: field.default * side for field in fields(cls)})
+        unit = cls()
+        return cls(*(getattr(unit, field.name) * side for field in fields(cls)))
 
     @property
     def finest_length(self) -> float:

@@ -88,6 +88,8 @@ class FiniteElementModel:
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(25))")
         self.tissue = tissue
+        if not isinstance(material, Material | None):
+            raise ValueError(f"material = {material!r} is not a Material; make one, e.g. Material(10.0, 0.45)")
         self.material = Material() if material is None else material
         self.element = _validate.choice("element", element, ELEMENTS)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)
@@ -95,6 +97,8 @@ class FiniteElementModel:
         self._engine_type = ENGINES[_validate.choice("engine", engine, ENGINES)]
         self.solver = _validate.choice("solver", solver, SOLVERS)
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
+        if self.tolerance >= 1:
+            raise ValueError(f"tolerance = {tolerance:g} solves nothing; give a small one, e.g. 1e-10")
         self.times: list[StepTimes] = []
         """Where the time of each solve went, in order."""
         self._frame = np.eye(3)
@@ -117,8 +121,7 @@ class FiniteElementModel:
         RuntimeError
             The solver did not converge.
         """
-        self._check(load)
-        self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
+        self._check(load, needle)
         started = time.perf_counter()
         grid = self.tissue.grid
         force = load.body_force(grid.points, needle)
@@ -137,15 +140,18 @@ class FiniteElementModel:
         self.times.append(times._replace(load_s=times.load_s + spent))
         return (displacement @ self._frame.T).reshape(*grid.shape, 3)
 
-    def _check(self, load: Load) -> None:
+    def _check(self, load: Load, needle: Needle) -> None:
         if not isinstance(load, Load):
             raise ValueError(f"load = {load!r} is not a load case; give a LineForce or a ShaftDisplacement")
+        if not isinstance(needle, Needle):
+            raise ValueError(f"needle = {needle!r} is not a Needle; make one from its entry and tip")
         spacing = max(self.tissue.grid.spacing)
         if load.finest_length * _NARROWEST < spacing:
             raise ValueError(
                 f"load = {load!r} falls between nodes {spacing:g} apart; give one of the size of the tissue, e.g. "
                 f"{type(load).__name__}.for_cube({self.tissue.grid.side:g}), or a finer grid"
             )
+        self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
 
     def _turn_to(self, needle: Needle) -> None:
         """Take the frame of the needle, where what it holds is the first component of each node."""

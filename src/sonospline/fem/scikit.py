@@ -46,7 +46,7 @@ class ScikitFem(Engine):
         found, iterations = solver.solve(matrices.free, load[self._free].ravel(), self._system.tolerance, held)
         displacement[self._free] += found.reshape(-1, 3)
         clock.append(time.perf_counter())
-        return displacement, StepTimes(*np.diff(clock).tolist(), iterations)
+        return displacement, StepTimes.between(clock, iterations)
 
     def _new_solver(self, matrices: Matrices) -> Solver:
         if self._system.solver == "multigrid":
