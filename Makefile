@@ -34,7 +34,7 @@ SUDO = $(shell test "$$(id -u)" = 0 || echo sudo)
 
 fenicsx:  ## the paper's finite element engine, for the system's Python (Debian, Ubuntu); OpenBLAS makes its solver fast
 	$(SUDO) apt-get update -qq
-	$(SUDO) apt-get install -y -qq --no-install-recommends python3-dolfinx-real libopenblas0-pthread
+	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-dolfinx-real libopenblas0-pthread
 	/usr/bin/python3 -c 'import dolfinx; print("DOLFINx", dolfinx.__version__)'
 
 .venv/pip.stamp:

@@ -57,6 +57,11 @@ def unit_tissue():
 
 
 @pytest.fixture
+def small_tissue():
+    return ss.Tissue(ss.Grid.unit_cube(9), entry_face="x-")
+
+
+@pytest.fixture
 def a_tilted_grid(a_rotation):
     """A rotated, anisotropic grid of odd sizes, away from the origin."""
     return ss.Grid(shape=(9, 7, 11), spacing=(1.5, 2.0, 0.9), origin=(-30, 12, 7), direction=a_rotation)

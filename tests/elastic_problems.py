@@ -10,6 +10,11 @@ from sonospline.fem.mesh import cells
 GRADIENT = np.array([[0.02, -0.01, 0.03], [0.015, -0.02, 0.01], [-0.005, 0.01, 0.025]])
 
 
+def largest_difference(a, b):
+    """Relative to the peak."""
+    return np.abs(a - b).max() / np.abs(b).max()
+
+
 def on_grid(grid, *, element, integration="full", solver="direct", poissons_ratio=0.3, tolerance=1e-12):
     """A system whose whole boundary is prescribed."""
     return System(

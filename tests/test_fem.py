@@ -1,13 +1,12 @@
-"""The finite element reference: exact solutions, symmetries, load cases, solvers, cache and errors."""
+"""The finite element reference: exact solutions, symmetries, load cases, solvers and errors."""
 
-import logging
 import re
 
 import numpy as np
 import pytest
 
 import sonospline as ss
-from elastic_problems import manufactured_error, on_grid, patch_error
+from elastic_problems import largest_difference, manufactured_error, on_grid, patch_error
 from sonospline import _extras, _memory
 from sonospline._extras import MissingExtraError
 from sonospline.fem import (
@@ -16,7 +15,6 @@ from sonospline.fem import (
     Material,
     ShaftDisplacement,
     fenicsx,
-    history,
     reference_history,
     scikit,
 )
@@ -30,22 +28,6 @@ ELEMENTS = ("hexahedron", "tetrahedron")
 INTEGRATIONS = ("full", "mean_dilatation")
 SOLVERS = ("multigrid", "direct", "from_scratch")
 LOADS = (LineForce(), ShaftDisplacement())
-
-
-@pytest.fixture(autouse=True)
-def a_cache_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-@pytest.fixture
-def small_tissue():
-    return ss.Tissue(ss.Grid.unit_cube(9), entry_face="x-")
-
-
-def largest_difference(a, b):
-    """Relative to the peak."""
-    return np.abs(a - b).max() / np.abs(b).max()
 
 
 def subsampled_difference(fine, coarse):
@@ -249,85 +231,6 @@ def test_what_does_not_change_is_made_once(small_tissue, monkeypatch, solver, ti
     assert all(times.total_s == pytest.approx(sum(times[:4])) for times in model.times)
 
 
-def test_each_step_of_a_history_is_the_field_at_its_depth(small_tissue):
-    entry, target = np.array([0, 0.5, 0.5]), np.array([0.6, 0.45, 0.55])
-    told = []
-    fields = reference_history(small_tissue, entry, target, steps=4, progress=lambda done, of: told.append((done, of)))
-    assert fields.shape == (4, 9, 9, 9, 3)
-    assert told == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
-    model = FiniteElementModel(small_tissue)
-    for step in (1, 3):
-        needle = ss.Needle(entry, entry + (step + 1) / 4 * (target - entry))
-        assert largest_difference(fields[step], model.solve(LineForce(), needle)) < 1e-9
-    held = reference_history(small_tissue, entry, target, 2, ShaftDisplacement(radius=0.1), Material(2.0, 0.3))
-    assert np.abs(held).max() == pytest.approx(0.0266, rel=0.2)
-
-
-def refuse(*_, **__):
-    raise AssertionError("solved although it was on disk")
-
-
-def test_a_history_is_kept_by_everything_it_depends_on(small_tissue, a_cache_of_its_own, monkeypatch):
-    path = ((0, 0.5, 0.5), (0.6, 0.5, 0.5))
-    first = reference_history(small_tissue, *path, steps=2)
-    assert len(list(a_cache_of_its_own.iterdir())) == 1
-    monkeypatch.setattr(FiniteElementModel, "solve", refuse)
-    told = []
-    again = reference_history(small_tissue, *path, steps=2, progress=lambda *state: told.append(state))
-    assert np.array_equal(first, again)
-    assert told == [(2, 2)]
-    others = [
-        {"steps": 3},
-        {"load": LineForce(friction=0.02)},
-        {"load": ShaftDisplacement(radius=0.1)},
-        {"material": Material(poissons_ratio=0.4)},
-        {"element": "tetrahedron"},
-        {"integration": "mean_dilatation"},
-    ]
-    for other in others:
-        with pytest.raises(AssertionError, match="although"):
-            reference_history(small_tissue, *path, **{"steps": 2, **other})
-    for tissue in (ss.Tissue(small_tissue.grid, entry_face="x+"), ss.Tissue(ss.Grid.unit_cube(8))):
-        with pytest.raises(AssertionError, match="although"):
-            reference_history(tissue, *path, steps=2)
-
-
-def other_version(file, monkeypatch):
-    monkeypatch.setattr(history, "_VERSION", history._VERSION + 1)
-
-
-def cut_short(file, _):
-    file.write_bytes(file.read_bytes()[:-50])
-
-
-def flipped_bits(file, _):
-    spoilt = bytearray(file.read_bytes())
-    spoilt[len(spoilt) // 2] ^= 255
-    file.write_bytes(spoilt)
-
-
-def other_shape(file, _):
-    np.savez(file, version=history._VERSION, history=np.zeros((2, 3)))
-
-
-def emptied(file, _):
-    file.write_bytes(b"")
-
-
-@pytest.mark.parametrize("spoil", [other_version, cut_short, flipped_bits, other_shape, emptied])
-def test_a_damaged_or_other_history_is_said_and_made_anew(small_tissue, a_cache_of_its_own, monkeypatch, caplog, spoil):
-    path = ((0, 0.5, 0.5), (0.6, 0.5, 0.5))
-    first = reference_history(small_tissue, *path, steps=1)
-    (file,) = a_cache_of_its_own.iterdir()
-    spoil(file, monkeypatch)
-    with caplog.at_level(logging.WARNING, logger="sonospline"):
-        second = reference_history(small_tissue, *path, steps=1)
-    assert np.array_equal(first, second)
-    assert "cannot be used and will be made anew" in caplog.text
-    monkeypatch.setattr(FiniteElementModel, "solve", refuse)
-    assert np.array_equal(reference_history(small_tissue, *path, steps=1), first)
-
-
 NEEDLE = ss.Needle((0, 0.5, 0.5), (0.6, 0.5, 0.5))
 
 
@@ -412,7 +315,8 @@ def test_a_grid_or_a_factor_too_large_for_the_memory_is_refused(small_tissue, mo
         FiniteElementModel(small_tissue)
     monkeypatch.setattr(_memory, "available_bytes", lambda: 12_000_000)
     with pytest.raises(ValueError, match=r"solver = 'direct': the factor of 1,176 unknowns .*would take"):
-        monkeypatch.setattr("sonospline.fem.sparse_solvers._BYTES_SUPERLU", 10_000)
+        for solver in ("SUPERLU", "PARDISO"):
+            monkeypatch.setattr(f"sonospline.fem.sparse_solvers._BYTES_{solver}", 10_000)
         FiniteElementModel(small_tissue, solver="direct").solve(LineForce(), NEEDLE)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from elastic_problems import manufactured_error, patch_error
+from elastic_problems import largest_difference, manufactured_error, patch_error
 from sonospline._extras import MissingExtraError
 from sonospline.fem import FiniteElementModel, LineForce, Material, ShaftDisplacement, fenicsx, reference_history
 from sonospline.fem.fenicsx import FEniCSx
@@ -36,11 +36,6 @@ def both(tissue, load, needle, **options):
     return [
         FiniteElementModel(tissue, engine=engine, **options).solve(load, needle) for engine in ("fenicsx", "scikit-fem")
     ]
-
-
-def largest_difference(a, b):
-    """Relative to the peak."""
-    return np.abs(a - b).max() / np.abs(b).max()
 
 
 @pytest.mark.parametrize("integration", ["full", "mean_dilatation"])

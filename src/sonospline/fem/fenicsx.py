@@ -13,8 +13,10 @@ import subprocess
 import sys
 import tempfile
 import weakref
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +47,14 @@ class FEniCSx(Engine):
         self._worker: _Worker | None = None
 
     def solve(self, body_force: Array, prescribed: Array, held: Mask | None = None) -> tuple[Array, StepTimes]:
-        if self._worker is None:
-            self._worker = _Worker(self._python)
-            self._worker.ask("build", **_arrays(self._system))
         given = np.broadcast_to(self._system.pinned[:, None], prescribed.shape)
         given = given if held is None else given | held
-        answer = self._worker.ask("solve", body_force=body_force, prescribed=prescribed, given=given)
+        worker, self._worker = self._worker, None  # one that fails is not used again
+        if worker is None:
+            worker = _Worker(self._python)
+            worker.ask("build", **_arrays(self._system))
+        answer = worker.ask("solve", body_force=body_force, prescribed=prescribed, given=given)
+        self._worker = worker
         times = StepTimes.between(answer["clock"].tolist(), int(answer["iterations"]))
         return answer["displacement"], times
 
@@ -121,11 +125,9 @@ class _Worker:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         np.savez(self._folder / "task.npz", **arrays)  # type: ignore[arg-type]
-        try:
+        with suppress(BrokenPipeError):  # it died; its answer is missing too
             self._process.stdin.write(task + "\n")
             self._process.stdin.flush()
-        except BrokenPipeError:
-            pass
         if self._process.stdout.readline() != "done\n":
             self._log.seek(0)
             said = self._log.read().strip().splitlines() or ["nothing was said"]
@@ -134,9 +136,7 @@ class _Worker:
             return dict(answer)
 
 
-def _end(process: subprocess.Popen[str], log: object, folder: Path) -> None:
-    process.stdin.close()  # type: ignore[union-attr]
-    process.wait()
-    process.stdout.close()  # type: ignore[union-attr]
-    log.close()  # type: ignore[attr-defined]
+def _end(process: subprocess.Popen[str], log: IO[str], folder: Path) -> None:
+    with log, process:
+        pass  # leaving it closes its input, which ends it, and waits
     shutil.rmtree(folder, ignore_errors=True)

@@ -76,7 +76,7 @@ def reference_history(
     >>> from sonospline.fem import reference_history
     >>> tissue = ss.Tissue(ss.Grid.unit_cube(9))
     >>> u = reference_history(tissue, entry=(0, .5, .5), target=(.6, .5, .5), steps=2)
-    >>> u.shape, bool(abs(u[1]).max() > abs(u[0]).max())
+    >>> u.shape, bool(abs(u[1]).mean() > abs(u[0]).mean())
     ((2, 9, 9, 9, 3), True)
     """
     steps = _validate.count("steps", steps)

@@ -78,8 +78,8 @@ class LineForce(Load):
     Examples
     --------
     >>> from sonospline.fem import LineForce
-    >>> LineForce.for_cube(side=100, youngs_modulus=10)        # mm and kPa: 0.3 N/cm, 0.7 N
-    LineForce(friction=30.0, tip_force=700.0, width=5.0)
+    >>> LineForce.for_cube(side=100, youngs_modulus=10).friction  # mm and kPa: 0.3 N/cm
+    30.0
     """
 
     friction: float = 0.03

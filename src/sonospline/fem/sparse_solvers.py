@@ -6,6 +6,7 @@ matrix leaves out are projected away, so the preconditioner also serves them.
 
 from __future__ import annotations
 
+import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -66,10 +67,19 @@ class Factor(Solver):
         wanted = (_BYTES_PARDISO if pardiso else _BYTES_SUPERLU) * matrix.shape[0] ** (4 / 3)
         advice = "" if pardiso else " (a third of that with 'sonospline[direct]')"
         _memory.refuse_beyond(int(wanted), f"solver = 'direct': the factor of {matrix.shape[0]:,} unknowns{advice}")
-        self._substitute = _pardiso(matrix) if pardiso else _superlu(matrix)
+        self._substitute = self._by_pardiso(matrix) if pardiso else _superlu(matrix)
 
     def apply(self, residual: Array) -> Array:
         return self._substitute(residual)
+
+    def _by_pardiso(self, matrix: Any) -> Callable[[Array], Array]:
+        from scipy.sparse import triu
+
+        upper = triu(matrix, format="csr")
+        solver = require("pypardiso").PyPardisoSolver(mtype=2)  # symmetric positive definite
+        solver.factorize(upper)
+        weakref.finalize(self, solver.free_memory, everything=True)  # it does not do so by itself
+        return lambda right: solver.solve(upper, right)
 
 
 class Jacobi(Solver):
@@ -130,12 +140,3 @@ def _superlu(matrix: Any) -> Callable[[Array], Array]:
 
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factor.solve
-
-
-def _pardiso(matrix: Any) -> Callable[[Array], Array]:
-    from scipy.sparse import triu
-
-    upper = triu(matrix, format="csr")
-    solver = require("pypardiso").PyPardisoSolver(mtype=2)  # symmetric positive definite
-    solver.factorize(upper)
-    return lambda right: solver.solve(upper, right)
