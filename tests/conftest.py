@@ -77,3 +77,22 @@ def an_oblique_needle():
 def a_deformed_field(unit_tissue, an_oblique_needle):
     """The field of one insertion into the unit cube."""
     return ss.Insertion(unit_tissue).advance(an_oblique_needle)
+
+
+@pytest.fixture
+def an_analytic_history():
+    """Stands in for the finite elements: a drag that fades from the axis, the tip and the pinned faces."""
+
+    def history(tissue, entry, target, steps=20, **options):
+        whole = ss.Needle(entry, target)
+        at_depth = []
+        for k in range(1, steps + 1):
+            seen = whole.project(tissue.grid.points)
+            depth = whole.depth * k / steps
+            size = 0.03 * np.exp(-(seen.distance**2) / 0.03) / (1 + np.exp((seen.along - depth) / 0.05))
+            moved = size[:, None] * whole.direction
+            moved[tissue.pinned.ravel()] = 0
+            at_depth.append(moved.reshape(*tissue.grid.shape, 3))
+        return np.array(at_depth)
+
+    return history

@@ -206,7 +206,7 @@ def test_a_missing_extra_is_one_clear_line(tmp_path):
 
 
 def test_importing_the_package_brings_nothing_heavy():
-    heavy = ("scipy", "SimpleITK", "vtkmodules", "matplotlib", "rich")
+    heavy = ("scipy", "SimpleITK", "vtkmodules", "matplotlib", "rich", "pymoo", "distributed")
     code = f"import sonospline, sys; print([m for m in {heavy} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 

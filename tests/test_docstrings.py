@@ -11,7 +11,10 @@ import pytest
 import sonospline
 
 ROOT = Path(sonospline.__file__).parent
-EXTRAS = ("SimpleITK", "vtk", "vtkmodules", "matplotlib", "rich", "skfem", "pyamg", "pypardiso")
+EXTRAS = (
+    *("SimpleITK", "vtk", "vtkmodules", "matplotlib", "rich"),
+    *("skfem", "pyamg", "pypardiso", "pymoo", "distributed"),
+)
 
 
 def module_names():

@@ -14,6 +14,8 @@ PROVIDES = {
     "skfem": "fem",
     "pyamg": "fem",
     "pypardiso": "direct",
+    "pymoo": "tune",
+    "distributed": "dask",
 }
 """Module -> the extra that brings it."""
 

@@ -18,7 +18,7 @@ from types import ModuleType
 
 from ._extras import MissingExtraError
 
-VERBS = ("insert", "bench", "doctor")
+VERBS = ("insert", "tune", "bench", "doctor")
 
 _POINT_OPTION = re.compile(r"--(entry|target)")
 _NEGATIVE = re.compile(r"-[\d.]")

@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how = parser.add_argument_group("how")
     how.add_argument("--steps", type=int, default=20, metavar="N", help="insertion steps (20)")
     how.add_argument("--nodes", type=int, default=150_000, metavar="N", help="grid nodes, about (150000)")
-    how.add_argument("--parameters", type=Path, metavar="FILE", help="model parameters, TOML, mm (Table I)")
+    how.add_argument("--parameters", type=Path, metavar="FILE", help="model parameters, TOML (Table I)")
     how.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one model parameter, mm")
     how.add_argument("--kernel", default="biharmonic", choices=tuple(KERNELS), help="spline kernel (biharmonic)")
     how.add_argument("--smoothing", type=float, default=0.0, metavar="S", help="0 meets every landmark (0)")
@@ -146,7 +146,7 @@ def _insertion(args: argparse.Namespace, volume: Volume, path: Needle) -> Insert
     grid = volume.grid(_validate.count("--nodes", args.nodes, least=8))
     face = grid.nearest_face(path.entry) if args.entry_face == "auto" else args.entry_face
     preset = NeedleTissueModel.paper_incremental if args.accumulation == "incremental" else NeedleTissueModel.paper
-    model = _parameters.apply(preset(grid.side), args.parameters, args.set)
+    model = _parameters.apply(preset(grid.side), args.parameters, args.set, grid.side)
     anchors = _anchors(args.anchors)
     with bar("factoring the faces", quiet=args.quiet or anchors != "all") as progress:
         return Insertion(

@@ -1,0 +1,172 @@
+"""``sonospline tune``: find the parameters whose field is nearest to finite elements."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .. import _validate
+from .._extras import require
+from ..grid import Grid
+from ..interaction import NeedleTissueModel
+from ..io.staging import staged_folder
+from ..tissue import Tissue
+from ..validation import front_files
+from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
+from ..validation.objective import TUNABLES, Objective, errors_at_target
+from ..validation.parallel import dask_executor, usable_processors
+from ..validation.reference import Reference
+from ..validation.tuning import ParetoFront, search
+from . import _parameters
+from ._progress import bar, track
+
+HELP = "tune the model's parameters to finite elements with NSGA-II"
+EXAMPLES = """examples:
+  sonospline tune --out tuned                      # three insertions at 25^3, a few minutes
+  sonospline insert --parameters tuned/parameters.toml --out out
+  sonospline tune --side 13 --population 8 --generations 5 --json --out tuned
+  sonospline tune --dask tcp://10.0.0.1:8786 --population 96 --generations 100 --out tuned
+"""
+_LEAST_SIDE = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    what = parser.add_argument_group("what is compared")
+    what.add_argument("--side", type=int, default=25, metavar="N", help="nodes along each side of the cube (25)")
+    what.add_argument(
+        "--steps", type=int, default=2, metavar="N", help="equal steps whose errors count (2: half and full depth)"
+    )
+    how = parser.add_argument_group("how it is searched")
+    how.add_argument("--population", type=int, default=32, metavar="N", help="designs a generation (32)")
+    how.add_argument("--generations", type=int, default=50, metavar="N", help="generations (50)")
+    how.add_argument("--seed", type=int, default=0, help="the same seed gives the same front (0)")
+    how.add_argument("--workers", type=int, metavar="N", help="processes (one a processor)")
+    how.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead")
+    out = parser.add_argument_group("what comes out")
+    out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    out.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
+    out.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Do the verb; return its summary."""
+    for name, least in (("side", _LEAST_SIDE), ("steps", 1), ("population", 2), ("generations", 1), ("seed", 0)):
+        _validate.count(f"--{name}", getattr(args, name), least=least)
+    workers = usable_processors() if args.workers is None else _validate.count("--workers", args.workers)
+    require("pymoo")
+    require("matplotlib")
+    tissue = Tissue(Grid.unit_cube(args.side))
+    with staged_folder(args.out) as folder, _executor(args.dask, workers) as (executor, parts):
+        tuning = _references("reference, to tune on", tuning_insertions(), tissue, args)
+        start = time.perf_counter()
+        with bar("searching", quiet=args.quiet) as progress:
+            front = search(
+                Objective(tuning),
+                population=args.population,
+                generations=args.generations,
+                seed=args.seed,
+                workers=parts,
+                executor=executor,
+                progress=progress,
+            )
+        seconds = time.perf_counter() - start
+        held_out = _references("reference, held out", held_out_insertions(), tissue, args)
+        summary = _summary(front, tuning, held_out, args) | {"search_seconds": seconds}
+        _write(front, summary, folder)
+    return summary
+
+
+def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
+    """Return what a person wants to see first."""
+    lines = [
+        f"front         {len(summary['front'])} designs of {summary['evaluations']}, "
+        f"{summary['search_seconds']:.0f} s, seed {summary['seed']}",
+        f"{'chosen':14s}" + ", ".join(f"{t.symbol} {summary['parameters'][t.name]:.4f}" for t in TUNABLES),
+        "",
+        f"{'at the target, ' + str(summary['side']) + '^3':26s}{'MAE':>10s}{'RMSE':>10s}{'rel':>7s}{'at tip':>10s}",
+    ]
+    for model, label in (("tuned", "tuned"), ("table_1", "Table I")):
+        for group, which in (("tuning", "tuned on"), ("held_out", "held out")):
+            mean = summary["errors"][model][group]["mean"]
+            lines.append(
+                f"{label + ', ' + which:26s}{mean['mae']:10.2e}{mean['rmse']:10.2e}"
+                f"{mean['relative']:7.3f}{mean['at_tip']:10.2e}"
+            )
+    nothing = summary["errors"]["tuned"]["held_out"]["mean"]
+    lines.append(f"{'doing nothing, held out':26s}{nothing['zero_mae']:10.2e}{nothing['zero_rmse']:10.2e}{1:7.3f}")
+    return "\n".join([*lines, "", f"parameters    {args.out / 'parameters.toml'}"])
+
+
+@contextmanager
+def _executor(address: str | None, workers: int) -> Iterator[tuple[Executor | None, int]]:
+    if address is None:
+        yield None, workers
+        return
+    with dask_executor(address) as found:
+        yield found
+
+
+def _references(
+    label: str, plans: tuple[PlannedInsertion, ...], tissue: Tissue, args: argparse.Namespace
+) -> tuple[Reference, ...]:
+    followed = track(plans, len(plans), label, quiet=args.quiet)
+    return tuple(Reference.solve(plan, tissue, steps=args.steps) for plan in followed)
+
+
+def _summary(
+    front: ParetoFront, tuning: tuple[Reference, ...], held_out: tuple[Reference, ...], args: argparse.Namespace
+) -> dict[str, Any]:
+    names = tuple(reference.plan.name for reference in tuning)
+    groups = {"tuning": tuning, "held_out": held_out}
+    models = {"tuned": front.model(), "table_1": NeedleTissueModel.paper()}
+    return {
+        "side": args.side,
+        "steps": args.steps,
+        "population": args.population,
+        "generations": args.generations,
+        "evaluations": args.population * args.generations,
+        "seed": args.seed,
+        "unit": "side",
+        "parameters": asdict(front.model()),
+        "at_a_bound": _at_a_bound(front),
+        "errors": {
+            model: {
+                group: {name: asdict(errors) for name, errors in errors_at_target(references, parameters).items()}
+                for group, references in groups.items()
+            }
+            for model, parameters in models.items()
+        },
+        "front": front_files.rows(front, names),
+        "files": ["front.csv", "front.png", "parameters.toml", "summary.json"],
+    }
+
+
+def _at_a_bound(front: ParetoFront) -> list[str]:
+    """Parameters whose best value lies at the end of its range, where a better one may lie beyond."""
+    return [
+        tunable.name
+        for tunable, value in zip(TUNABLES, front.designs[front.chosen], strict=True)
+        if min(value - tunable.low, tunable.high - value) < 0.01 * (tunable.high - tunable.low)
+    ]
+
+
+def _write(front: ParetoFront, summary: dict[str, Any], folder: Path) -> None:
+    names = tuple(name for name in summary["errors"]["tuned"]["tuning"] if name != "mean")
+    front_files.write_csv(front, names, folder / "front.csv")
+    front_files.draw(front, names, folder / "front.png")
+    mean = summary["errors"]["tuned"]["held_out"]["mean"]
+    remarks = [
+        f"sonospline tune: side {summary['side']}, steps {summary['steps']}, population {summary['population']}, "
+        f"generations {summary['generations']}, seed {summary['seed']}",
+        f"held-out insertions: MAE {mean['mae']:.3e} sides, {mean['relative']:.3f} of the mean displacement",
+    ]
+    (folder / "parameters.toml").write_text(_parameters.text(front.model(), remarks))
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
