@@ -28,7 +28,7 @@ _SMALLEST_PIVOT = 1e-11
 _WORTH_THREADS = 20_000_000
 _ONE_THREAD = 60_000
 """Multiplications: of a product for which spinning threads pay, and for which BLAS starts none."""
-_CHECKED = 8
+_CHECKED = 4
 """About so many landmarks have their equation checked after a solve."""
 
 
@@ -105,6 +105,7 @@ class AnchoredSystem:
     """
 
     def __init__(self, kernel: Kernel, base: Base, diagonal: float) -> None:
+        self.base_size = base.size
         self._kernel = kernel
         self._base = base
         self._diagonal = diagonal
@@ -149,7 +150,7 @@ class AnchoredSystem:
         if at_base.any():
             values = values - solved[:, : self._base.size] @ at_base
             base_part = self._base.solve(np.hstack([at_base.T, np.zeros((3, 4))])).T
-        first = int(np.argmax(values.any(axis=1))) if len(values) else 0  # anchors come first, and are zero
+        first = int(np.argmax(values.ravel() != 0)) // 3 if len(values) else 0  # anchors come first, and are zero
         solution = np.ascontiguousarray(self._kernel.sign * values.T)
         self._factor.solve(solution, first)
         base_part -= (solution @ solved).T

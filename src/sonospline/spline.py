@@ -130,12 +130,9 @@ class PolyharmonicSpline:
         diagonal = smoothing + kernel.sign * epsilon
         corners = _spread_out(points)
         base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
-        self._begin(kernel, diagonal, frame, base, points[corners], corners)
-        self._rest = np.setdiff1d(np.arange(len(points)), corners)
-        self.points = points.copy()
-        """(n, 3) landmarks, in the order given and appended."""
-        self._factor(points[self._rest], self.points, since=0)
-        self._first_size = len(points)
+        others = np.setdiff1d(np.arange(len(points)), corners)
+        self._begin(kernel, diagonal, frame, base, points.copy(), np.concatenate([corners, others]))
+        self._factor(points[others], self.points, since=0)
 
     @classmethod
     def pinning_faces(
@@ -155,22 +152,23 @@ class PolyharmonicSpline:
         smoothing = _validate.number("smoothing", smoothing)
         frame = Frame.of_grid(tissue.grid)
         base = FaceBase(tissue, kernel, frame.scale, diagonal=frame.diagonal(smoothing, kernel), progress=progress)
-        points = tissue.grid.node(np.argwhere(tissue.pinned))
+        points = tissue.grid.node(np.argwhere(tissue.pinned))  # in the order of the base
         spline = cls.__new__(cls)
         spline._begin(kernel, smoothing, frame, base, points, np.arange(len(points)))
         return spline
 
     def _begin(
-        self, kernel: Kernel, diagonal: float, frame: Frame, base: Base, points: Array, numbers: NDArray[np.int64]
+        self, kernel: Kernel, diagonal: float, frame: Frame, base: Base, points: Array, order: NDArray[np.int64]
     ) -> None:
-        """Start from the base alone: its points, and their numbers among all landmarks."""
+        """Start from the landmarks given first: their points, and ``order``, which takes them base first."""
         self.kernel = kernel
         self._diagonal = diagonal
         self._frame = frame
-        self._base = numbers
-        self._rest = np.empty(0, dtype=np.int64)
+        self._order = order
+        self._place = np.argsort(order)  # the inverse of order
         self._system = AnchoredSystem(kernel, base, frame.diagonal(diagonal, kernel))
         self.points = points
+        """(n, 3) landmarks, in the order given and appended."""
         self._first_size = len(points)
 
     @classmethod
@@ -210,7 +208,8 @@ class PolyharmonicSpline:
         new = _validate.points("points", points)
         together = np.concatenate([self.points, new])
         self._factor(new, together, since=len(self.points))
-        self._rest = np.concatenate([self._rest, np.arange(len(self.points), len(together))])
+        added = np.arange(len(self.points), len(together))
+        self._order, self._place = (np.concatenate([a, added]) for a in (self._order, self._place))
         self.points = together
 
     def _factor(self, new: Array, together: Array, *, since: int) -> None:
@@ -224,15 +223,14 @@ class PolyharmonicSpline:
 
     def reserve(self, size: int) -> None:
         """Make room for ``size`` landmarks in all, so that no later append has to."""
-        self._system.reserve(size - len(self._base))
+        self._system.reserve(size - self._system.base_size)
 
     def truncate(self, size: int) -> None:
         """Drop the landmarks from number ``size`` on; those given at the start always stay."""
         if not self._first_size <= size <= len(self.points):
             raise ValueError(f"size = {size} is out of range; give {self._first_size} to {len(self.points)}")
-        kept = size - len(self._base)
-        self._system.truncate(kept)
-        self._rest = self._rest[:kept]
+        self._system.truncate(size - self._system.base_size)
+        self._order, self._place = self._order[:size], self._place[:size]
         self.points = self.points[:size]
 
     def solve(self, values: ArrayLike, *, grid: Grid | None = None) -> KernelField:
@@ -252,20 +250,20 @@ class PolyharmonicSpline:
                 f"values has {len(values)} rows for {len(self.points)} landmarks; give one row a landmark "
                 f"(at least for the first {self._first_size})"
             )
-        rest = self._rest[: len(values) - len(self._base)]
-        at_base, others = values[self._base], values[rest]
+        ordered = values.take(self._order[: len(values)], axis=0)
+        at_base, others = ordered[: self._system.base_size], ordered[self._system.base_size :]
         solution = self._system.solve(at_base, others)
         residual = self._system.residual(solution, others)
         if residual > _RESIDUAL_LIMIT:
             logger.warning("residual %.1e: factoring all %d landmarks anew", residual, len(self.points))
             self._system.refactor()
             solution = self._system.solve(at_base, others)
-        weights = np.empty_like(values)
-        weights[self._base], weights[rest] = solution.base_weights, solution.weights
+        weights = np.concatenate([solution.base_weights, solution.weights])
+        weights /= self._frame.scale**self.kernel.homogeneity
         return KernelField(
             kernel=self.kernel,
             centres=self.points[: len(values)],
-            weights=weights / self._frame.scale**self.kernel.homogeneity,
+            weights=weights.take(self._place[: len(values)], axis=0),
             affine=self._frame.world_affine(solution.affine),
             reference=self._frame.centre,
             grid=grid,

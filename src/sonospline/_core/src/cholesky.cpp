@@ -12,7 +12,6 @@ namespace sono {
 namespace {
 
 // Multiplications below which a second thread costs more than it saves.
-// Multiplications below which a second thread costs more than it saves.
 constexpr std::size_t kWorkWorthAThread = 1'000'000;
 constexpr std::size_t kRowsPerBlock = 16;
 
