@@ -13,12 +13,15 @@ namespace {
 
 // Multiplications below which a second thread costs more than it saves.
 constexpr std::size_t kWorkWorthAThread = 1'000'000;
-constexpr std::size_t kRowsPerBlock = 16;
+// Rows of a block: enough for the panel it reads, few enough for the second cache.
+constexpr std::size_t kFewestRows = 4, kMostRows = 48;
 
 template <class Body> void over_row_blocks(std::size_t begin, std::size_t end, std::size_t work, const Body &body) {
     const std::size_t rows = end - begin;
     if (!rows) return;
-    const std::size_t blocks = work < kWorkWorthAThread ? 1 : (rows + kRowsPerBlock - 1) / kRowsPerBlock;
+    const std::size_t share = work < kWorkWorthAThread ? rows : (rows + thread_count() - 1) / thread_count();
+    const std::size_t per_block = std::clamp(share, kFewestRows, kMostRows);
+    const std::size_t blocks = (rows + per_block - 1) / per_block;
     parallel_for(blocks, [&](std::size_t block) {
         body(begin + rows * block / blocks, begin + rows * (block + 1) / blocks);
     });
