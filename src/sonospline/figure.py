@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._extras import require
+from ._canvas import blank
 from .needle import Needle
 from .volume import Volume
 
@@ -70,17 +70,12 @@ def draw_insertion(before: Volume, after: Volume, displacement: Volume, needle: 
     path : Path
         File to write.
     """
-    require("matplotlib")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     plane = NeedlePlane.through(needle, before)
     points, shape = plane.points()
     pictures = [v.sample(points).reshape(shape) for v in (before, after, displacement)]
     grey = tuple(np.nanpercentile(pictures[0], (1, 99.5)))
     aspect = shape[0] / shape[1]
-    figure = Figure(figsize=(15, 1.7 + 4.4 * aspect), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = blank(15, 1.7 + 4.4 * aspect)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
     extent = (plane.left, plane.right, plane.bottom, plane.top)
     for panel, picture, title in zip(panels, pictures, ("before", "after", "displacement"), strict=True):

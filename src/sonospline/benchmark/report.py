@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .._extras import require
+from .._canvas import blank
+from .._markdown import table
 
 Row = dict[str, Any]
 
@@ -17,14 +18,14 @@ def tables(results: dict[str, Any]) -> str:
         f"{machine['processor']}, processors {machine['processors_used']}, {machine['memory_gb']} GB free, "
         f"{machine['platform']}; {machine['backend']}, {machine['instruction_set']}; medians in ms (min to max).",
         "**Whole step at 53^3**: select, append, solve, all nodes; a peer fits and evaluates as many landmarks.",
-        _table(("landmarks", "who", "ms", "times ours"), [_step(row) for row in results["whole_step"]]),
+        table(("landmarks", "who", "ms", "times ours"), [_step(row) for row in results["whole_step"]]),
         "**All nodes**: evaluation alone, fit, and largest error against the float64 sum.",
-        _table(
+        table(
             ("nodes", "landmarks", "who", "evaluate", "times multilevel", "fit", "error"),
             [_evaluation(row) for row in results["all_nodes"]],
         ),
         "**Growth** of the multilevel sum.",
-        _table(
+        table(
             ("nodes", "landmarks", "ms", "ns a node", "peak GB"),
             [
                 (
@@ -38,7 +39,7 @@ def tables(results: dict[str, Any]) -> str:
             ],
         ),
         "**Multilevel against our direct float32 sum.**",
-        _table(
+        table(
             ("nodes", "landmarks", "multilevel", "direct32", "ratio"),
             [
                 (f"{r['nodes']:,}", r["landmarks"], _ms(r["multilevel"]), _ms(r["direct32"]), f"{r['ratio']:.1f}")
@@ -46,7 +47,7 @@ def tables(results: dict[str, Any]) -> str:
             ],
         ),
         "**Append and solve**, mean step, against one dense LAPACK solve of all landmarks and of the step's own.",
-        _table(
+        table(
             ("landmarks", "steps", "ours", "LAPACK", "ratio", "ratio, own size", "error of weights"),
             [
                 (
@@ -57,7 +58,7 @@ def tables(results: dict[str, Any]) -> str:
             ],
         ),
         "**Insertion at 53^3** through `Insertion.advance` and `on_grid`.",
-        _table(
+        table(
             ("anchors", "landmarks", "ms", "drift of the faces"),
             [
                 (f"{r['anchors']:,}", r["landmarks"], _ms(r["step"]), f"{r['face_drift']:.0e}")
@@ -65,7 +66,7 @@ def tables(results: dict[str, Any]) -> str:
             ],
         ),
         "**Sampling** the field at 53^3, n = 300.",
-        _table(("what", "ms"), [(name, _ms(times)) for name, times in results["sampling"]["times"].items()]),
+        table(("what", "ms"), [(name, _ms(times)) for name, times in results["sampling"]["times"].items()]),
         "**Claims.**",
         claims(results["claims"]),
     ]
@@ -75,7 +76,7 @@ def tables(results: dict[str, Any]) -> str:
 def claims(rows: list[Row]) -> str:
     """Return the claims as a Markdown table."""
     verdict = {True: "kept", False: "MISSED", None: "not measured"}
-    return _table(
+    return table(
         ("claim", "promised", "measured", ""),
         [
             (
@@ -91,10 +92,6 @@ def claims(rows: list[Row]) -> str:
 
 def draw_cost(results: dict[str, Any], path: Path) -> None:
     """Write cost against nodes, log-log, at n = 1000."""
-    require("matplotlib")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     curves: dict[str, list[tuple[int, float]]] = {}
     most = max(row["landmarks"] for row in results["all_nodes"])
     for row in results["all_nodes"]:
@@ -102,8 +99,7 @@ def draw_cost(results: dict[str, Any], path: Path) -> None:
             curves.setdefault(row["contender"], []).append((row["nodes"], row["evaluate"]["median_ms"]))
     grown = [(r["nodes"], r["multilevel"]["median_ms"]) for r in results["growth"] if r["landmarks"] == 1000]
     curves["sonospline multilevel"] = sorted(set(grown))
-    figure = Figure(figsize=(8, 5.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank(8, 5.5)
     panel = figure.subplots()
     for name, points in curves.items():
         ours = name == "sonospline multilevel"
@@ -138,8 +134,3 @@ def _ms(times: Row) -> str:
         return f"{value:.2f}" if value < 10 else f"{value:.0f}"
 
     return f"{short(times['median_ms'])} ({short(times['min_ms'])} to {short(times['max_ms'])})"
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
-    lines = ["| " + " | ".join(map(str, cells)) + " |" for cells in (head, ["---"] * len(head), *rows)]
-    return "\n".join(lines)
