@@ -5,7 +5,7 @@ extra ``fem``; the engine ``"fenicsx"`` needs DOLFINx, in this or in another Pyt
 """
 
 from .engine import StepTimes
-from .history import reference_history
+from .history import history_of, reference_history
 from .loads import LineForce, Load, ShaftDisplacement
 from .material import Material
 from .model import FiniteElementModel
@@ -17,5 +17,6 @@ __all__ = [
     "Material",
     "ShaftDisplacement",
     "StepTimes",
+    "history_of",
     "reference_history",
 ]

@@ -79,13 +79,30 @@ def reference_history(
     >>> u.shape, bool(abs(u[1]).mean() > abs(u[0]).mean())
     ((2, 9, 9, 9, 3), True)
     """
+    model = FiniteElementModel(tissue, material, element=element, integration=integration, engine=engine)
+    return history_of(model, entry, target, steps, load, progress=progress)
+
+
+def history_of(
+    model: FiniteElementModel,
+    entry: ArrayLike,
+    target: ArrayLike,
+    steps: int = 20,
+    load: Load | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Array:
+    """Return what :func:`reference_history` does, by a model that many insertions can share.
+
+    What the model makes once (matrices, hierarchy, factor) is made only where a history is
+    not on disk yet. The solver is no part of what a kept history depends on.
+    """
     steps = _validate.count("steps", steps)
     load = LineForce() if load is None else load
-    model = FiniteElementModel(tissue, material, element=element, integration=integration, engine=engine)
     needle = Needle(entry, target)
-    tissue.check_inside(entry=needle.entry, target=needle.tip)
-    file = _cache.folder() / f"fem-{_signature(model, needle, steps, load, engine)}.npz"
-    shape = (steps, *tissue.grid.shape, 3)
+    model.tissue.check_inside(entry=needle.entry, target=needle.tip)
+    file = _cache.folder() / f"fem-{_signature(model, needle, steps, load)}.npz"
+    shape = (steps, *model.tissue.grid.shape, 3)
     history = _cache.recall(file, partial(_read, shape=shape), _WHAT)
     if history is None:
         history = np.empty(shape)
@@ -99,11 +116,11 @@ def reference_history(
     return history
 
 
-def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load, engine: str) -> str:
+def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load) -> str:
     grid = model.tissue.grid
     lattice = (grid.shape, grid.spacing, grid.origin.tolist(), grid.direction.tolist(), model.tissue.entry_face)
     physics = (needle.entry.tolist(), needle.tip.tolist(), steps, load, model.material)
-    return _cache.digest(*lattice, *physics, model.element, model.integration, engine)
+    return _cache.digest(*lattice, *physics, model.element, model.integration, model.engine)
 
 
 def _read(file: Path, shape: tuple[int, ...]) -> Array:

@@ -94,7 +94,8 @@ class FiniteElementModel:
         self.element = _validate.choice("element", element, ELEMENTS)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)
         check_locking(self.material, self.element, self.integration)
-        self._engine_type = ENGINES[_validate.choice("engine", engine, ENGINES)]
+        self.engine = _validate.choice("engine", engine, ENGINES)
+        self._engine_type = ENGINES[self.engine]
         self.solver = _validate.choice("solver", solver, SOLVERS)
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
         if self.tolerance >= 1:
