@@ -18,7 +18,7 @@ from types import ModuleType
 
 from ._extras import MissingExtraError
 
-VERBS = ("insert", "tune", "bench", "doctor")
+VERBS = ("insert", "tune", "reproduce", "bench", "doctor")
 
 _POINT_OPTION = re.compile(r"--(entry|target)")
 _NEGATIVE = re.compile(r"-[\d.]")

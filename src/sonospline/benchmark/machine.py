@@ -35,7 +35,7 @@ def describe(processors: list[int]) -> dict[str, Any]:
         "python": platform.python_version(),
         "backend": _core.backend(),
         "instruction_set": _core.instruction_set(),
-        "versions": {name: _version(name) for name in PACKAGES},
+        "versions": {name: version_of(name) for name in PACKAGES},
     }
 
 
@@ -63,7 +63,8 @@ def _cpu_model() -> str:
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
-def _version(package: str) -> str | None:
+def version_of(package: str) -> str | None:
+    """Return the version of an installed package, or None."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -1,0 +1,128 @@
+"""``sonospline reproduce``: every table and figure of the paper, with the paper's number beside ours."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _validate
+from .._extras import require
+from ..benchmark import machine
+from ..fem.fenicsx import interpreter
+from ..grid import Grid
+from ..insertion import Insertion
+from ..interaction import NeedleTissueModel
+from ..io.staging import staged_folder
+from ..io.volumes import read_volume
+from ..phantom import layered_block
+from ..tissue import Tissue
+from ..validation import front_files, report, study
+from ..validation.figure_curves import draw_curves
+from ..validation.figure_mesh import draw_mesh
+from ..validation.figure_slices import Compared, draw_slices
+from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
+from ..validation.notebook import Notebook
+from ..validation.tuning import ParetoFront
+from ..volume import Volume
+from ._progress import say
+
+HELP = "regenerate the paper's tables and figures, and compare its claims"
+EXAMPLES = """examples:
+  sonospline reproduce --quick --out paper     # two meshes, a small search: three minutes
+  sonospline reproduce --out paper             # everything, hours; stopped, it goes on where it was
+  sonospline reproduce --quick --image liver_ultrasound.mha --out paper
+"""
+_PACKAGES = ("sonospline", "numpy", "scipy", "scikit-fem", "pyamg", "pypardiso", "pymoo")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    parser.add_argument("--quick", action="store_true", help="25^3 and 31^3, a small search, scikit-fem only")
+    parser.add_argument("--seed", type=int, default=0, help="of the search; the same seed gives the same front (0)")
+    parser.add_argument("--image", type=Path, metavar="FILE", help="3-D image shown in Fig. 2 (a generated phantom)")
+    parser.add_argument("--json", action="store_true", help="print all figures as JSON on stdout")
+    parser.add_argument("--quiet", action="store_true", help="say nothing meanwhile")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Do the verb; return its results."""
+    seed = _validate.count("--seed", args.seed, least=0)
+    for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
+        require(package)
+    if not args.quick:
+        interpreter()  # said now, not after an hour
+    image = read_volume(args.image) if args.image else layered_block(seed)
+    plan = study.Plan.quick(seed) if args.quick else study.Plan.full(seed)
+    notebook = _notebook(args.out, say(quiet=args.quiet))  # before the staging: it stays where a run fails
+    with staged_folder(args.out) as folder:
+        results = study.run_study(plan, notebook)
+        _draw(plan, results, image, folder)
+        about = _about(seed)
+        (folder / "report.md").write_text(report.write(results, about))
+        summary = {"about": about, **results, "files": sorted(file.name for file in folder.iterdir())}
+        (folder / "results.json").write_text(json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
+    """Return what a person wants to see first."""
+    mean = summary["target"]["tuned"]["held_out"]["mean"]
+    row = summary["times"][-1]
+    ratios = ", ".join(
+        f"{row[f'{solver}_ms'] / row['ours_ms']:,.0f} ({name})"
+        for name, solver in zip(report.BASELINE_NAMES, report.BASELINES, strict=True)
+    )
+    return (
+        f"held-out insertions, {summary['tuning']['side']}^3: MAE {mean['mae']:.2e}, {mean['relative']:.0%} of the mean "
+        "displacement\n"
+        f"{row['side']}^3: {row['ours_ms']:.2f} ms a step, times faster than FEM: {ratios}\n\n"
+        f"report   {args.out / 'report.md'}"
+    )
+
+
+def _notebook(out: Path, tell: Callable[[str], None]) -> Notebook:
+    try:
+        return Notebook(out / "parts", tell)
+    except OSError as error:
+        raise ValueError(f"--out {str(out)!r} cannot be written ({error.strerror}); choose another folder") from None
+
+
+def _draw(plan: study.Plan, results: dict[str, Any], image: Volume, folder: Path) -> None:
+    model = NeedleTissueModel(**results["tuning"]["parameters"])
+    tissue = Tissue(Grid.unit_cube(plan.sides[0]))
+    straight, oblique = tuning_insertions()[0], held_out_insertions()[0]
+    draw_mesh(tissue, straight.on(tissue), NeedleTissueModel.paper(), folder / "figure_1.png")
+    draw_slices(
+        _compared(plan, straight, model, tissue),
+        _compared(plan, oblique, model, tissue),
+        image,
+        folder / "figure_2.png",
+    )
+    curves = study.mean_rows([row for row in results["errors"] if row["model"] == "tuned"], "side", "depth")
+    draw_curves(curves, results["times"], folder / "figure_3.png")
+    objectives = np.array(results["tuning"]["front"])
+    front = ParetoFront(np.zeros((len(objectives), 7)), objectives)
+    front_files.draw(front, tuple(plan.name for plan in tuning_insertions()), folder / "front.png")
+
+
+def _compared(plan: study.Plan, insertion: PlannedInsertion, model: NeedleTissueModel, tissue: Tissue) -> Compared:
+    reference = study.reference_of(plan, insertion, plan.sides[0], plan.depths).last
+    needle = reference.needle(0)
+    return Compared(tissue.grid, needle, Insertion(tissue, model).advance(needle), reference.displacements[0])
+
+
+def _about(seed: int) -> dict[str, Any]:
+    here = machine.describe([])
+    return {
+        "date": time.strftime("%Y-%m-%d"),
+        "seed": seed,
+        "machine": here,
+        "versions": {name: machine.version_of(name) for name in _PACKAGES},
+    }

@@ -1,0 +1,71 @@
+"""The results of a long study, part by part on disk: a run that was stopped goes on where it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .. import _cache
+
+_FORMAT = 1
+
+
+class Notebook:
+    """Parts of a study, each a JSON file that also says under which settings it was made.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the parts lie; made if absent.
+    tell : callable, optional
+        Told of each part that has to be computed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sonospline.validation.notebook import Notebook
+    >>> notebook = Notebook(Path(tempfile.mkdtemp()))
+    >>> notebook.part("sum", {"of": [1, 2]}, lambda: 1 + 2)
+    3
+    >>> notebook.part("sum", {"of": [1, 2]}, lambda: 1 / 0)   # is read, not computed
+    3
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[str], None] | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._tell = tell
+
+    def part(self, name: str, settings: dict[str, Any], compute: Callable[[], Any]) -> Any:
+        """Return what ``compute`` returned under these settings, now or in an earlier run.
+
+        Parameters
+        ----------
+        name : str
+            Of the part, and of its file.
+        settings : dict
+            All that the result depends on; anything JSON holds.
+        compute : callable
+            Makes the result, which JSON must be able to hold.
+        """
+        file = self._folder / f"{name}.json"
+        stamp = {"format": _FORMAT, "settings": json.loads(json.dumps(settings))}
+        known = _cache.recall(file, _read, f"the part {name!r}")
+        if known is not None and {key: known[key] for key in stamp} == stamp:
+            return known["result"]
+        if self._tell:
+            self._tell(name.replace("_", " "))
+        result = json.loads(json.dumps(compute()))
+        page = json.dumps({**stamp, "result": result}, indent=1).encode()
+        _cache.keep(file, lambda stream: stream.write(page), f"the part {name!r}")
+        return result
+
+
+def _read(file: Path) -> dict[str, Any]:
+    page = json.loads(file.read_text())
+    if not isinstance(page, dict) or not {"format", "settings", "result"} <= page.keys():
+        raise ValueError("it is no page of this notebook")
+    return page

@@ -1,0 +1,106 @@
+"""Time per step of finite elements, three ways, and of the spline: one run, one thread each.
+
+Run as a program it prints JSON; :func:`measure` does so in a fresh process, because the
+threads of BLAS and of the direct solver are fixed when they are first loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..fem import FiniteElementModel, LineForce
+from ..grid import Grid
+from ..insertion import Insertion
+from ..interaction import NeedleTissueModel
+from ..needle import Needle
+from ..tissue import Tissue
+from .insertions import held_out_insertions
+
+Row = dict[str, Any]
+
+STEPS = 20
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "SONOSPLINE_THREADS"), "1")
+_TURNS = 3
+"""So many of the last steps are timed; the one before them makes what is kept."""
+_TOLERANCE = 1e-8
+"""Of conjugate gradients."""
+
+
+def measure(side: int, engines: dict[str, str]) -> Row:
+    """Return the medians for a cube of ``side`` nodes a side, from a process of its own with one thread.
+
+    Parameters
+    ----------
+    side : int
+        Nodes a side.
+    engines : dict of str to str
+        The engine of :class:`FiniteElementModel` for each of its solvers that is to be timed.
+
+    Raises
+    ------
+    RuntimeError
+        That process failed; the last line it said is quoted.
+    """
+    command = [sys.executable, "-m", __name__, str(side), json.dumps(engines)]
+    done = subprocess.run(command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or ["nothing"]
+        raise RuntimeError(f"timing {side}^3 failed: {said[-1]}")
+    row: Row = json.loads(done.stdout)
+    return row
+
+
+def timed(side: int, engines: dict[str, str]) -> Row:
+    """Return the medians, in milliseconds, of this process."""
+    tissue = Tissue(Grid.unit_cube(side))
+    whole = held_out_insertions()[1].on(tissue)
+    needles = [Needle(whole.entry, whole.at(k / STEPS)) for k in range(1, STEPS + 1)]
+    row: Row = {"side": side, "nodes": tissue.grid.node_count, "engines": engines} | _ours(tissue, needles)
+    for solver, engine in engines.items():
+        model = FiniteElementModel(tissue, engine=engine, solver=solver, tolerance=_TOLERANCE)
+        first, *spent = [_finite_element_ms(model, needle) for needle in needles[-_TURNS - 1 :]]
+        row[f"{solver}_ms"] = float(np.median(spent))
+        row[f"{solver}_first_ms"] = first
+    return row
+
+
+def _ours(tissue: Tissue, needles: list[Needle]) -> Row:
+    """Select, solve and evaluate all nodes: the median of the last half of the steps of three insertions."""
+    insertion = Insertion(tissue, NeedleTissueModel.paper())
+    spent: list[float] = []
+    for _ in range(3):
+        insertion.reset()
+        spent += [_elapsed_ms(partial(_step, insertion, needle)) for needle in needles][STEPS // 2 :]
+    return {
+        "ours_ms": float(np.median(spent)),
+        "ours_range_ms": [min(spent), max(spent)],
+        "landmarks": insertion.landmark_count + len(insertion.anchors),
+    }
+
+
+def _step(insertion: Insertion, needle: Needle) -> None:
+    insertion.advance(needle).on_grid()
+
+
+def _finite_element_ms(model: FiniteElementModel, needle: Needle) -> float:
+    model.solve(LineForce(), needle)
+    return 1e3 * model.times[-1].total_s
+
+
+def _elapsed_ms(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return 1e3 * (time.perf_counter() - start)
+
+
+if __name__ == "__main__":
+    json.dump(timed(int(sys.argv[1]), json.loads(sys.argv[2])), sys.stdout)
