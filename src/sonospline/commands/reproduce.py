@@ -80,8 +80,8 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
         for name, solver in zip(report.BASELINE_NAMES, report.BASELINES, strict=True)
     )
     return (
-        f"held-out insertions, {summary['tuning']['side']}^3: MAE {mean['mae']:.2e}, {mean['relative']:.0%} of the mean "
-        "displacement\n"
+        f"held-out insertions at {summary['tuning']['side']}^3: MAE {mean['mae']:.2e}, "
+        f"{mean['relative']:.0%} of the mean displacement\n"
         f"{row['side']}^3: {row['ours_ms']:.2f} ms a step, times faster than FEM: {ratios}\n\n"
         f"report   {args.out / 'report.md'}"
     )
