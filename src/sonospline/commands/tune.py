@@ -23,7 +23,7 @@ from ..validation.insertions import PlannedInsertion, held_out_insertions, tunin
 from ..validation.objective import TUNABLES, Objective, errors_at_target
 from ..validation.parallel import dask_executor, usable_processors
 from ..validation.reference import Reference
-from ..validation.tuning import ParetoFront, search
+from ..validation.tuning import GENERATIONS, POPULATION, ParetoFront, search
 from . import _parameters
 from ._progress import bar, track
 
@@ -45,8 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--steps", type=int, default=2, metavar="N", help="equal steps whose errors count (2: half and full depth)"
     )
     how = parser.add_argument_group("how it is searched")
-    how.add_argument("--population", type=int, default=32, metavar="N", help="designs a generation (32)")
-    how.add_argument("--generations", type=int, default=50, metavar="N", help="generations (50)")
+    how.add_argument(
+        "--population", type=int, default=POPULATION, metavar="N", help=f"designs a generation ({POPULATION})"
+    )
+    how.add_argument("--generations", type=int, default=GENERATIONS, metavar="N", help=f"generations ({GENERATIONS})")
     how.add_argument("--seed", type=int, default=0, help="the same seed gives the same front (0)")
     how.add_argument("--workers", type=int, metavar="N", help="processes (one a processor)")
     how.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead")

@@ -25,7 +25,7 @@ from .parallel import usable_processors
 from .readings import compare_readings
 from .reference import Reference, errors_along
 from .thin_plate import ThinPlate, plane_errors
-from .tuning import search
+from .tuning import GENERATIONS, POPULATION, search
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -46,8 +46,8 @@ class Plan:
     depths: int = 10
     """Equal steps to the target at which errors are measured."""
     tuning_depths: int = 2
-    population: int = 24
-    generations: int = 25
+    population: int = POPULATION
+    generations: int = GENERATIONS
     workers: int = field(default_factory=usable_processors, compare=False)
 
     @classmethod
