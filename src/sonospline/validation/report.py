@@ -177,7 +177,7 @@ def _plane(rows: list[Row]) -> Iterable[str]:
 def _readings(rows: list[Row]) -> Iterable[str]:
     yield "## How Table I and Algorithm 1 can be read"
     yield (
-        "Table I untuned, means over the eight held-out insertions at full depth. k = 1/24 is the spacing of the "
+        "Table I untuned, means over the three tuning insertions at full depth. k = 1/24 is the spacing of the "
         "25-node mesh. *maximum*, the default: the largest displacement so far; "
         "*current*: that of this moment; *additive*: the sum over the steps; *moving mesh*: Algorithm 1, line 10, as "
         "printed. The defaults are the row that holds up on every mesh, does not depend on the number of steps, and is "

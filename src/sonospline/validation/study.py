@@ -196,7 +196,7 @@ def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
 
 
 def _readings(plan: Plan) -> list[Row]:
-    references = [reference_of(plan, i, plan.sides[0], plan.depths).last for i in held_out_insertions()]
+    references = [reference_of(plan, i, plan.sides[0], plan.depths).last for i in tuning_insertions()]
     return [reading.row() for reading in compare_readings(references)]
 
 
