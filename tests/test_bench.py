@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sonospline import _core, cli
-from sonospline.benchmark import claims, contenders, report, timing
+from sonospline.benchmark import claims, contenders, machine, report, timing
 from sonospline.benchmark.problem import Problem
 
 needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
@@ -87,6 +87,8 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
     assert cli.main(arguments) == 0
     results = json.loads(capsys.readouterr().out)
     assert pinned == [2]
+    withheld = results["machine"]["withheld"]
+    assert withheld is None or 0 <= withheld <= 1
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bench.json", "bench.md", "cost.png"]
     by_name = {row["contender"]: row for row in results["all_nodes"]}
     assert "not installed" in by_name["KeOps float32"]["left_out"]
@@ -103,3 +105,9 @@ def test_the_race_needs_the_compiled_core(tmp_path, capsys, monkeypatch):
     assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 1
     assert "compiled core is not in use" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_time_the_host_withheld_is_its_part_of_all_ticks(monkeypatch):
+    monkeypatch.setattr("sonospline.benchmark.machine.processor_ticks", lambda: (130, 1400))
+    assert machine.withheld_since((100, 1000)) == pytest.approx(30 / 400)
+    assert machine.withheld_since(None) is None

@@ -39,6 +39,24 @@ def describe(processors: list[int]) -> dict[str, Any]:
     }
 
 
+def processor_ticks() -> tuple[int, int] | None:
+    """Return the time of all processors so far, in ticks: withheld by the host of this machine, and in all."""
+    try:
+        line = Path("/proc/stat").read_text().partition("\n")[0]
+    except OSError:
+        return None
+    ticks = [int(value) for value in line.split()[1:9]]  # user, nice, system, idle, waiting, two interrupts, stolen
+    return ticks[7], sum(ticks)
+
+
+def withheld_since(before: tuple[int, int] | None) -> float | None:
+    """Return the share of the processors' time that the host kept for others; None where nobody counts it."""
+    now = processor_ticks()
+    if before is None or now is None:
+        return None
+    return (now[0] - before[0]) / max(1, now[1] - before[1])
+
+
 def peak_gb() -> float:
     """Largest memory this process held since :func:`forget_peak`, in GB."""
     for line in Path("/proc/self/status").read_text().splitlines():

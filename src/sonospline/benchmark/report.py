@@ -16,7 +16,8 @@ def tables(results: dict[str, Any]) -> str:
     machine = results["machine"]
     parts = [
         f"{machine['processor']}, processors {machine['processors_used']}, {machine['memory_gb']} GB free, "
-        f"{machine['platform']}; {machine['backend']}, {machine['instruction_set']}; medians in ms (min to max).",
+        f"{machine['platform']}; {machine['backend']}, {machine['instruction_set']}; medians in ms (min to max)."
+        + _withheld(machine["withheld"]),
         "**Whole step at 53^3**: select, append, solve, all nodes; a peer fits and evaluates as many landmarks.",
         table(("landmarks", "who", "ms", "times ours"), [_step(row) for row in results["whole_step"]]),
         "**All nodes**: evaluation alone, fit, and largest error against the float64 sum.",
@@ -71,6 +72,12 @@ def tables(results: dict[str, Any]) -> str:
         claims(results["claims"]),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _withheld(share: float | None) -> str:
+    if share is None:
+        return ""
+    return f" The host of this virtual machine withheld {share:.0%} of its processors' time meanwhile."
 
 
 def claims(rows: list[Row]) -> str:

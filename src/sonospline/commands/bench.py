@@ -41,7 +41,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise RuntimeError("the compiled core is not in use, so there is nothing to race; see sonospline doctor")
     with staged_folder(args.out) as folder:
         measure = _measure_quick if args.quick else _measure
+        before = machine.processor_ticks()
         results = {"machine": machine.describe(processors), **measure(rounds, say(quiet=args.quiet))}
+        results["machine"]["withheld"] = machine.withheld_since(before)
         results["claims"] = [] if args.quick else claims.judge(results)
         (folder / "bench.json").write_text(json.dumps(results, indent=2) + "\n")
         (folder / "bench.md").write_text(report.tables(results))
