@@ -16,6 +16,9 @@ PROVIDES = {
     "pypardiso": "direct",
     "pymoo": "tune",
     "distributed": "dask",
+    "pyvista": "view",
+    "pydicom": "dicom",
+    "rich": "cli",
 }
 """Module -> the extra that brings it."""
 

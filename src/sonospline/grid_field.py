@@ -60,7 +60,7 @@ class GridField(Field):
     def displacement(self, points: ArrayLike) -> Array:
         """Return u (m, 3) at world points (m, 3), linear between nodes."""
         local = self.grid.local(_validate.points("points", points))
-        return _core.active.sample_lattice(self._along_axes, self.grid.spacing, local) @ self.grid.direction.T
+        return _core.active.sample_lattice(self.along_axes, self.grid.spacing, local) @ self.grid.direction.T
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Return the Jacobian (m, 3, 3) of the forward map, from differences over one spacing."""
@@ -87,13 +87,13 @@ class GridField(Field):
         return self.grid.side
 
     @cached_property
-    def _along_axes(self) -> NDArray[np.float32]:
+    def along_axes(self) -> NDArray[np.float32]:
         """The values along the lattice axes, as the core takes them."""
         return np.ascontiguousarray(self.values @ self.grid.direction, dtype=np.float32)
 
     def _find_inverse(self, target: Array, tolerance: float, max_iterations: int) -> tuple[Array, InverseReport]:
         local, iterations = _core.active.invert_lattice(
-            self._along_axes, self.grid.spacing, self.grid.local(target), tolerance, max_iterations
+            self.along_axes, self.grid.spacing, self.grid.local(target), tolerance, max_iterations
         )
         x = self.grid.world(local)
         converged = iterations > 0

@@ -1,8 +1,10 @@
+from .twin import BmodePlan as BmodePlan
 from .twin import CholeskyFactor as CholeskyFactor
 from .twin import MultilevelPlan as MultilevelPlan
 from .twin import gradient_at_points as gradient_at_points
 from .twin import invert_lattice as invert_lattice
 from .twin import kernel_matrix as kernel_matrix
+from .twin import reslice as reslice
 from .twin import sample_lattice as sample_lattice
 from .twin import sum_at_points_f32 as sum_at_points_f32
 from .twin import sum_at_points_f64 as sum_at_points_f64

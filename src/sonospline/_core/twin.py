@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from .twin_bmode import BmodePlan as BmodePlan
 from .twin_multilevel import MultilevelPlan as MultilevelPlan
 from .twin_sampling import invert_lattice as invert_lattice
+from .twin_sampling import reslice as reslice
 from .twin_sampling import sample_lattice as sample_lattice
 
 Array = NDArray[np.float64]

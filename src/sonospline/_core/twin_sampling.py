@@ -37,3 +37,29 @@ def invert_lattice(
         if not len(remaining):
             break
     return x, iterations
+
+
+def reslice(
+    values: NDArray[np.float32],
+    spacing: tuple[float, float, float],
+    pixel: Array,
+    voxels: NDArray[np.float32],
+    seen: NDArray[np.uint8],
+    index: Array,
+    shape: tuple[int, int],
+    tolerance: float,
+    most: int,
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return grey and seen (rows, columns) of a plane through a deformed image, linear between voxels."""
+    from scipy.ndimage import map_coordinates
+
+    rows, columns = np.indices(shape)
+    points = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)]) @ pixel.T
+    x, iterations = invert_lattice(values, spacing, points, tolerance, most)
+    at = index[:, :3] @ x.T + index[:, 3:]
+    last = np.array(voxels.shape)[:, None] - 1
+    shown = ((at >= -0.5) & (at <= last + 0.5)).all(axis=0) & (iterations > 0)
+    at = np.clip(at, 0, last)
+    shown &= seen[tuple(np.floor(at + 0.5).astype(np.int64))] > 0
+    grey = np.where(shown, map_coordinates(voxels, at, order=1, mode="nearest"), 0)
+    return grey.astype(np.float32).reshape(shape), shown.astype(np.uint8).reshape(shape)

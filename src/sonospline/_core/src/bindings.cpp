@@ -72,6 +72,7 @@ std::vector<std::string> instruction_sets() {
 }  // namespace
 
 NB_MODULE(_native, m) {
+    bind_bmode(m);
     bind_cholesky(m);
     bind_sampling(m);
     m.def("sum_at_points_f32", &sum_at_points<float>, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
@@ -89,6 +90,7 @@ NB_MODULE(_native, m) {
             throw nb::value_error(("this machine has no instruction set '" + name + "'").c_str());
     });
     bind_multilevel(m);
+    bind_reslice(m);
     m.def("thread_count", &sono::thread_count);
     m.def("set_thread_count", &sono::set_thread_count, "count"_a);
 }

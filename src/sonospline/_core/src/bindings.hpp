@@ -29,6 +29,8 @@ nanobind::ndarray<nanobind::numpy, T> new_array(const std::array<std::size_t, N>
     return nanobind::ndarray<nanobind::numpy, T>(owned->memory, N, shape.data(), owner);
 }
 
+void bind_bmode(nanobind::module_ &m);
 void bind_cholesky(nanobind::module_ &m);
 void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
+void bind_reslice(nanobind::module_ &m);

@@ -20,11 +20,13 @@ template <class T> struct Tile {
     alignas(64) T x[kTile], y[kTile], z[kTile];
 };
 
+struct BmodeKernels;
 struct CholeskyKernels;
 struct MultilevelKernels;
 
 struct KernelTable {
     const char *name;
+    const BmodeKernels *bmode;
     const CholeskyKernels *cholesky;
     const MultilevelKernels *multilevel;
     /// out += sum_j w_j U(|p - c_j|)

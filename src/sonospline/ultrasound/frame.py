@@ -1,0 +1,182 @@
+"""A grey image on a plane: read from a file, resliced, or rendered; and how a field deforms it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+from .._extras import require
+from ..field import Field
+from . import pose
+from ._axes import axes_or_new
+from .plane import ImagePlane
+
+if TYPE_CHECKING:
+    from ..needle import Needle
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A grey image with its place in the world.
+
+    Parameters
+    ----------
+    pixels : (rows, columns) ndarray
+        Grey levels.
+    plane : ImagePlane
+        Where the pixels are.
+    mask : (rows, columns) bool ndarray, optional
+        Pixels that show something; the others (beyond the volume, outside the fan, never swept) are black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sonospline.ultrasound import Frame, facing
+    >>> frame = Frame.placed(np.zeros((400, 260), np.uint8), spacing_mm=0.1,
+    ...                      image_to_reference=facing((0, 0, 0), depth=(1, 0, 0), right=(0, 1, 0)))
+    >>> frame.plane.extent
+    (-13.0, 13.0, 39.95, -0.05)
+    """
+
+    pixels: NDArray[Any]
+    plane: ImagePlane
+    mask: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        if np.shape(self.pixels) != self.plane.shape:
+            raise ValueError(f"pixels has shape {np.shape(self.pixels)}; give {self.plane.shape}, as the plane")
+
+    @classmethod
+    def placed(
+        cls, pixels: ArrayLike, *, spacing_mm: float | tuple[float, float], image_to_reference: ArrayLike
+    ) -> Frame:
+        """Return an image put on a plane: the middle of its first row lies at the pose's origin, as a probe's face."""
+        grey = np.asarray(pixels)
+        if grey.ndim != 2 or grey.size == 0:
+            raise ValueError(f"pixels has shape {grey.shape}; give one grey image of rows and columns")
+        width = np.ravel(spacing_mm)[0] * (grey.shape[1] - 1)
+        plane = ImagePlane(
+            image_to_reference=np.asarray(image_to_reference, float),
+            shape=grey.shape,
+            spacing_mm=spacing_mm,  # type: ignore[arg-type]
+            corner_mm=(-width / 2, 0.0),
+        )
+        return cls(grey, plane)
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        image_to_reference: ArrayLike,
+        spacing_mm: float | tuple[float, float] | None = None,
+        index: int = 0,
+    ) -> Frame:
+        """Read one grey frame of an image file that SimpleITK knows (.mha, .png, ...).
+
+        Raises
+        ------
+        ValueError
+            A file that cannot be read, and a file without pixel sizes (a spacing of exactly 1)
+            where ``spacing_mm`` is not given.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise ValueError(f"frame = {str(path)!r} does not exist; give the path of an image file")
+        sitk = require("SimpleITK")
+        try:
+            image = sitk.ReadImage(str(path))
+        except RuntimeError as error:
+            reason = str(error).strip().splitlines()[-1]
+            raise ValueError(f"frame = {str(path)!r} cannot be read ({reason}); give a grey image") from None
+        pixels = sitk.GetArrayFromImage(image)
+        if image.GetNumberOfComponentsPerPixel() != 1:
+            raise ValueError(f"frame = {str(path)!r} is coloured; give a grey image")
+        while pixels.ndim > 2:
+            if not 0 <= index < len(pixels):
+                raise ValueError(f"index = {index} is beyond the {len(pixels)} frames of the file; give 0 to {len(pixels) - 1}")
+            pixels = pixels[index]
+        calibrated = image.GetSpacing()[:2]
+        if spacing_mm is None:
+            if calibrated == (1.0, 1.0):
+                raise ValueError(
+                    f"frame = {str(path)!r} has no pixel size (its spacing is 1, 1); give spacing_mm, e.g. 0.1"
+                )
+            spacing_mm = calibrated
+        return cls.placed(pixels, spacing_mm=spacing_mm, image_to_reference=image_to_reference)
+
+    def deform(self, field: Field) -> Frame:
+        """Return the frame as it looks in the tissue that a field has deformed (Fig. 2 e-f).
+
+        Each pixel shows what the inverse map brings there; what comes from beside the plane is
+        taken from its foot on the plane, for one frame knows no more. What comes from beyond the
+        frame is black and masked.
+        """
+        from scipy.ndimage import map_coordinates
+
+        with np.errstate(invalid="ignore"):
+            source = field.inverse(self.plane.points)
+            flat = pose.to_image(self.plane.image_to_reference, source)
+        index = (flat[:, :2] - self.plane.corner_mm) / self.plane.spacing_mm
+        known = np.isfinite(index).all(axis=1)
+        columns, rows = np.nan_to_num(index, nan=-1.0).T
+        last_row, last_column = np.array(self.pixels.shape) - 1
+        known &= (rows >= -0.5) & (rows <= last_row + 0.5) & (columns >= -0.5) & (columns <= last_column + 0.5)
+        grey = map_coordinates(self.pixels.astype(np.float32), [rows, columns], order=1, mode="nearest")
+        mask = known.reshape(self.pixels.shape)
+        if self.mask is not None:
+            nearest = np.rint([np.clip(rows, 0, last_row), np.clip(columns, 0, last_column)]).astype(int)
+            mask = mask & self.mask[nearest[0], nearest[1]].reshape(mask.shape)
+        pixels = np.where(mask, grey.reshape(mask.shape), 0)
+        if np.issubdtype(self.pixels.dtype, np.integer):
+            pixels = np.rint(pixels)
+        return replace(self, pixels=pixels.astype(self.pixels.dtype), mask=mask)
+
+    def plot(self, ax: Any = None, *, needle: Needle | None = None, **style: Any) -> Any:
+        """Draw the image in mm, depth downwards, on matplotlib ``Axes``; return them."""
+        ax = axes_or_new(ax)
+        ax.imshow(self.pixels, origin="upper", extent=self.plane.extent, **({"cmap": "gray"} | style))
+        ax.set_xlabel("mm")
+        ax.set_ylabel("mm")
+        if needle is not None:
+            draw_needle(ax, self.plane, needle)
+        return ax
+
+    def write(self, path: str | Path) -> None:
+        """Write a picture (.png) or an image with its geometry (.mha, .nrrd, ...: one slice, LPS)."""
+        from ..io.volumes import RAS_TO_LPS
+
+        sitk = require("SimpleITK")
+        if Path(path).suffix == ".png":
+            sitk.WriteImage(sitk.GetImageFromArray(as_bytes(self.pixels)), str(path))
+            return
+        image = sitk.GetImageFromArray(np.ascontiguousarray(self.pixels)[None])
+        image.SetSpacing((*self.plane.spacing_mm, float(min(self.plane.spacing_mm))))
+        image.SetOrigin((RAS_TO_LPS @ self.plane.affine[:, 2]).tolist())
+        image.SetDirection((RAS_TO_LPS @ self.plane.image_to_reference[:3, :3]).ravel().tolist())
+        sitk.WriteImage(image, str(path), useCompression=True)
+
+
+def as_bytes(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return grey levels as 8-bit; those of other types are scaled from their own black to their white."""
+    if pixels.dtype == np.uint8:
+        return np.ascontiguousarray(pixels)
+    low, high = float(np.nanmin(pixels)), float(np.nanmax(pixels))
+    return np.nan_to_num(255 * (pixels - low) / max(high - low, 1e-12)).astype(np.uint8)
+
+
+def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
+    """Draw a needle's foot on a plane: the shaft from its entry to its tip."""
+    (x0, y0, _), (x1, y1, _) = plane.project(np.stack([needle.entry, needle.tip]))
+    ax.plot([x0, x1], [y0, y1], color="#ff5a36", lw=1.4, solid_capstyle="butt")
+    ax.plot(x1, y1, marker=".", ms=5, color="#ff5a36")
+
+

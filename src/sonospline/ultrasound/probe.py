@@ -1,0 +1,229 @@
+"""Ultrasound probes: their beams and how sharp they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _validate
+
+Array = NDArray[np.float64]
+Kind = Literal["linear", "curvilinear", "phased"]
+
+SPEED_OF_SOUND = 1.54
+"""mm per microsecond, what scanners assume."""
+
+_FWHM = 2 * np.sqrt(2 * np.log(2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe:
+    """A transducer and its settings.
+
+    The probe frame is its image frame: x lateral, y depth, z elevation, origin in the middle
+    of the face. Start from :meth:`linear`, :meth:`curvilinear` or :meth:`phased`.
+
+    Parameters
+    ----------
+    kind : {"linear", "curvilinear", "phased"}
+        Parallel beams, beams square to a convex face, or beams from one point.
+    frequency_mhz : float
+        Centre frequency f0.
+    depth_mm : float
+        Depth of the image.
+    aperture_mm : float
+        Width of the face along x (of its arc, for a convex one).
+    radius_mm : float
+        Radius of a convex face; 0 for the others.
+    sector_deg : float
+        Opening angle of a phased sector; a convex face's follows from its arc.
+    lines, samples : int
+        Beams, and samples along each.
+    bandwidth : float
+        Two-way -6 dB bandwidth over the centre frequency.
+    f_number : float
+        Depth over active aperture, until the aperture is used up.
+    active_aperture_mm : float
+        Widest active aperture D.
+    elevation_mm : float
+        Two-way full width at half maximum of the slice at its focus.
+    elevation_focus_mm : float
+        Depth of the elevation focus.
+    elevation_spread : float
+        Growth of the slice's standard deviation per mm from its focus.
+
+    Raises
+    ------
+    ValueError
+        A length, frequency or count that is not above zero, or a sector of 180 degrees or more.
+
+    Examples
+    --------
+    >>> from sonospline.ultrasound import Probe
+    >>> probe = Probe.curvilinear(frequency_mhz=3.5)
+    >>> round(probe.wavelength_mm, 2), round(float(probe.lateral_fwhm(60.0)), 2)
+    (0.44, 1.19)
+    """
+
+    kind: Kind
+    frequency_mhz: float
+    depth_mm: float
+    aperture_mm: float
+    radius_mm: float = 0.0
+    sector_deg: float = 0.0
+    lines: int = 192
+    samples: int = 1024
+    bandwidth: float = 0.62
+    f_number: float = 2.0
+    active_aperture_mm: float = 22.0
+    elevation_mm: float = 1.5
+    elevation_focus_mm: float = 20.0
+    elevation_spread: float = 0.015
+
+    def __post_init__(self) -> None:
+        _validate.choice("kind", self.kind, ("linear", "curvilinear", "phased"))
+        for name in ("frequency_mhz", "depth_mm", "aperture_mm", "f_number", "active_aperture_mm", "elevation_mm"):
+            _validate.number(name, getattr(self, name), positive=True)
+        for name in ("elevation_focus_mm", "elevation_spread", "radius_mm", "sector_deg"):
+            _validate.number(name, getattr(self, name))
+        if not 0.05 <= _validate.number("bandwidth", self.bandwidth) <= 1.5:
+            raise ValueError(f"bandwidth = {self.bandwidth} is out of range; give 0.05 to 1.5 of the centre frequency")
+        _validate.count("lines", self.lines, least=16)
+        _validate.count("samples", self.samples, least=64)
+        if self.samples % 16:
+            raise ValueError(f"samples = {self.samples} is not a multiple of 16; give {16 * (self.samples // 16 + 1)}")
+        if self.kind == "curvilinear":
+            _validate.number("radius_mm", self.radius_mm, positive=True)
+        if self.kind == "phased":
+            _validate.number("sector_deg", self.sector_deg, positive=True)
+        if self.half_angle >= np.pi / 2:
+            raise ValueError(f"the sector is {2 * np.degrees(self.half_angle):.0f} degrees wide; make it below 180")
+        if self.sample_mm > 1.5 * self.axial_sigma:
+            raise ValueError(
+                f"depth_mm = {self.depth_mm} over samples = {self.samples} is too coarse for the pulse "
+                f"({2.355 * self.axial_sigma:.3f} mm long); take more samples"
+            )
+
+    @classmethod
+    def linear(cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: float) -> Probe:
+        """Return a small-parts probe: parallel beams."""
+        return cls(kind="linear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, aperture_mm=aperture_mm, **settings)  # type: ignore[arg-type]
+
+    @classmethod
+    def curvilinear(
+        cls, *, frequency_mhz: float = 3.5, depth_mm: float = 120.0, radius_mm: float = 60.0, aperture_mm: float = 62.8,
+        **settings: float,
+    ) -> Probe:
+        """Return an abdominal probe: a convex face, 60 degrees wide."""
+        defaults: dict[str, float] = {
+            "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.0, "elevation_focus_mm": 65.0,
+            "elevation_spread": 0.015,
+        }
+        return cls(
+            kind="curvilinear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, radius_mm=radius_mm,
+            aperture_mm=aperture_mm, **(defaults | settings),
+        )  # type: ignore[arg-type]
+
+    @classmethod
+    def phased(cls, *, frequency_mhz: float = 2.5, depth_mm: float = 140.0, sector_deg: float = 80.0, aperture_mm: float = 20.0, **settings: float) -> Probe:
+        """Return a cardiac probe: a sector from one point."""
+        defaults: dict[str, float] = {
+            "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.5, "elevation_focus_mm": 70.0,
+            "elevation_spread": 0.02,
+        }
+        return cls(
+            kind="phased", frequency_mhz=frequency_mhz, depth_mm=depth_mm, sector_deg=sector_deg,
+            aperture_mm=aperture_mm, **(defaults | settings),
+        )  # type: ignore[arg-type]
+
+    @property
+    def wavelength_mm(self) -> float:
+        """Wavelength c / f0."""
+        return SPEED_OF_SOUND / self.frequency_mhz
+
+    @property
+    def sample_mm(self) -> float:
+        """Distance between samples of a beam, dr."""
+        return self.depth_mm / self.samples
+
+    @cached_property
+    def half_angle(self) -> float:
+        """Half of the sector in radians, T; 0 for a linear probe."""
+        if self.kind == "linear":
+            return 0.0
+        if self.kind == "phased":
+            return float(np.radians(self.sector_deg) / 2)
+        return self.aperture_mm / self.radius_mm / 2
+
+    @property
+    def curved(self) -> bool:
+        """Whether the beams fan out."""
+        return self.kind != "linear"
+
+    @property
+    def apex_mm(self) -> float:
+        """Distance R0 from the point the beams fan out from to the face."""
+        return self.radius_mm if self.kind == "curvilinear" else 0.0
+
+    @property
+    def line_step(self) -> float:
+        """Distance between beams: mm for a linear probe, radians for the others."""
+        return (2 * self.half_angle if self.curved else self.aperture_mm) / (self.lines - 1)
+
+    @cached_property
+    def ranges(self) -> Array:
+        """(samples,) range of each sample in mm."""
+        return self.sample_mm * np.arange(self.samples)
+
+    def line_spacing(self, range_mm: ArrayLike) -> Array:
+        """Return the distance between beams at a range, mm."""
+        r = np.asarray(range_mm, float)
+        return self.line_step * (r + self.apex_mm) if self.curved else np.full_like(r, self.line_step)
+
+    @property
+    def axial_sigma(self) -> float:
+        """Standard deviation of the two-way pulse's envelope in range, mm: s_r = (c/2) / (2 pi s_f)."""
+        return SPEED_OF_SOUND / 2 / (2 * np.pi * self.bandwidth * self.frequency_mhz / _FWHM)
+
+    def lateral_fwhm(self, range_mm: ArrayLike) -> Array:
+        """Return the beam's full width at half maximum, 0.9 wavelength max(F#, r / D), mm."""
+        ratio = np.maximum(self.f_number, np.asarray(range_mm, float) / self.active_aperture_mm)
+        return 0.9 * self.wavelength_mm * ratio
+
+    def lateral_sigma(self, range_mm: ArrayLike) -> Array:
+        """Return the beam's standard deviation, mm."""
+        return self.lateral_fwhm(range_mm) / _FWHM
+
+    def elevation_sigma(self, range_mm: ArrayLike) -> Array:
+        """Return the standard deviation of the slice's two-way amplitude profile, mm."""
+        apart = self.elevation_spread * (np.asarray(range_mm, float) - self.elevation_focus_mm)
+        return np.hypot(self.elevation_mm / _FWHM, apart)
+
+    def beam_coordinates(self, points: ArrayLike) -> Array:
+        """Return range (mm), line (a fraction of line numbers) and elevation (mm) of image points (m, 3)."""
+        x, y, z = np.asarray(points, float).T
+        if not self.curved:
+            return np.column_stack([y, x / self.line_step + (self.lines - 1) / 2, z])
+        angle, reach = np.arctan2(x, y + self.apex_mm), np.hypot(x, y + self.apex_mm)
+        return np.column_stack([reach - self.apex_mm, angle / self.line_step + (self.lines - 1) / 2, z])
+
+    def image_points(self, beam: ArrayLike) -> Array:
+        """Return image points (m, 3) of range, line and elevation; inverse of :meth:`beam_coordinates`."""
+        r, line, z = np.asarray(beam, float).T
+        across = (line - (self.lines - 1) / 2) * self.line_step
+        if not self.curved:
+            return np.column_stack([across, r, z])
+        reach = r + self.apex_mm
+        return np.column_stack([reach * np.sin(across), reach * np.cos(across) - self.apex_mm, z])
+
+    @cached_property
+    def footprint(self) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom of what the beams cover, in the image frame, mm."""
+        if not self.curved:
+            return (-self.aperture_mm / 2, self.aperture_mm / 2, 0.0, self.depth_mm)
+        side = (self.depth_mm + self.apex_mm) * float(np.sin(self.half_angle))
+        return (-side, side, self.apex_mm * (float(np.cos(self.half_angle)) - 1), self.depth_mm)

@@ -1,0 +1,154 @@
+"""A scene to be imaged: a label map and the acoustic properties of its labels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _memory
+from .._extras import require
+from ..io.volumes import to_sitk
+from ..volume import Volume
+from .acoustics import TISSUES, AcousticTissue, write_table
+from .interfaces import Interfaces, find_interfaces
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Tissue labels on a lattice (undeformed, world coordinates) and what each label is.
+
+    The scene may be wider than the mechanical box: beyond a pinned face nothing moves.
+
+    Parameters
+    ----------
+    labels : Volume
+        Whole numbers 0 to 255. What lies beyond the volume counts as label 0.
+    tissues : mapping of int to AcousticTissue or str
+        Properties of every label that occurs; a string names one of the default table.
+
+    Raises
+    ------
+    ValueError
+        Labels that are not whole numbers 0 to 255, or a label without properties.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sonospline.ultrasound import Scene
+    >>> from sonospline.volume import Volume
+    >>> Scene.uniform("liver", size_mm=(60, 20, 60)).tissues[0].name
+    'liver'
+    """
+
+    labels: Volume
+    tissues: Mapping[int, AcousticTissue]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.labels, Volume):
+            raise ValueError(f"labels = {type(self.labels).__name__} is not a Volume; read one with io.volumes.read_volume")
+        voxels = self.labels.voxels
+        if not np.issubdtype(voxels.dtype, np.integer) or voxels.min() < 0 or voxels.max() > 255:
+            raise ValueError(f"labels has voxels of type {voxels.dtype}; give a label map of whole numbers 0 to 255")
+        tissues = {
+            int(label): tissue if isinstance(tissue, AcousticTissue) else _named(int(label), tissue)
+            for label, tissue in self.tissues.items()
+        }
+        object.__setattr__(self, "tissues", tissues)
+        present = np.flatnonzero(np.bincount(voxels.ravel(), minlength=256))
+        for label in (0, *present):
+            if int(label) not in tissues:
+                raise ValueError(
+                    f"label {label} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}, "
+                    "or give an AcousticTissue"
+                )
+
+    @classmethod
+    def uniform(cls, tissue: str | AcousticTissue, *, size_mm: tuple[float, float, float], spacing_mm: float = 1.0) -> Scene:
+        """Return a box of one tissue, its first voxel at the origin of the world."""
+        shape = tuple(max(2, round(side / spacing_mm) + 1) for side in size_mm)
+        labels = Volume(voxels=np.zeros(shape, np.uint8), spacing=(spacing_mm,) * 3)
+        return cls(labels, {0: tissue})  # type: ignore[dict-item]
+
+    def table(self, quantity: str) -> Array:
+        """Return one property of every label as an array (256,); labels without a tissue take label 0's."""
+        values = np.full(256, getattr(self.tissues[0], quantity), float)
+        for label, tissue in self.tissues.items():
+            values[label] = getattr(tissue, quantity)
+        return values
+
+    @cached_property
+    def bytes(self) -> NDArray[np.uint8]:
+        """The label map as the core takes it."""
+        return np.ascontiguousarray(self.labels.voxels, np.uint8)
+
+    @cached_property
+    def interfaces(self) -> Interfaces:
+        """Points on the surfaces where the impedance steps."""
+        return find_interfaces(self.bytes, self.labels.lattice, self.table("impedance"))
+
+    def refined(self, spacing_mm: float) -> Scene:
+        """Return the same scene on a finer lattice, its surfaces rounded instead of stepped.
+
+        Each label's indicator is interpolated linearly, slightly smoothed, and the largest one wins.
+        """
+        from scipy.ndimage import gaussian_filter, zoom
+
+        lattice = self.labels.lattice
+        factors = [max(1.0, h / spacing_mm) for h in lattice.spacing]
+        shape = [round((n - 1) * f) + 1 for n, f in zip(lattice.shape, factors, strict=True)]
+        _memory.refuse_beyond(9 * int(np.prod(shape)), f"spacing_mm = {spacing_mm}: the refined labels")
+        best, winner = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+        exact = [(m - 1) / (n - 1) for m, n in zip(shape, lattice.shape, strict=True)]
+        for label in np.flatnonzero(np.bincount(self.bytes.ravel(), minlength=256)):
+            box = _bounding_box(self.bytes == label, margin=3)
+            soft = gaussian_filter((self.bytes[box] == label).astype(np.float32), 0.7)
+            start = [round(s.start * e) for s, e in zip(box, exact, strict=True)]
+            stop = [round((s.stop - 1) * e) + 1 for s, e in zip(box, exact, strict=True)]
+            size = [b - a for a, b in zip(start, stop, strict=True)]
+            fine = zoom(soft, [m / n for m, n in zip(size, soft.shape, strict=True)], order=1, grid_mode=False)
+            window = tuple(slice(a, a + n) for a, n in zip(start, fine.shape, strict=True))
+            wins = fine > best[window]
+            best[window][wins] = fine[wins]
+            winner[window][wins] = label
+        spacing = tuple(h * (n - 1) / (m - 1) for h, n, m in zip(lattice.spacing, lattice.shape, shape, strict=True))
+        finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)  # type: ignore[arg-type]
+        return Scene(finer, self.tissues)
+
+    def write(self, labels: str | Path, table: str | Path) -> None:
+        """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""
+        image = to_sitk(Volume(voxels=self.bytes, spacing=self.labels.lattice.spacing,
+                               origin=self.labels.lattice.origin, direction=self.labels.lattice.direction))
+        present = [label for label in np.flatnonzero(np.bincount(self.bytes.ravel(), minlength=256)) if label]
+        for number, label in enumerate(present):
+            colour = np.random.default_rng(label).uniform(0.2, 0.95, 3)
+            entries = {
+                "ID": f"Segment_{label}", "Name": self.tissues[int(label)].name, "LabelValue": str(label), "Layer": "0",
+                "Color": " ".join(f"{c:.3f}" for c in colour), "NameAutoGenerated": "0", "ColorAutoGenerated": "0",
+                "Extent": " ".join(f"0 {n - 1}" for n in self.bytes.shape),
+            }
+            for key, value in entries.items():
+                image.SetMetaData(f"Segment{number}_{key}", value)
+        image.SetMetaData("Segmentation_SourceRepresentation", "Binary labelmap")
+        require("SimpleITK").WriteImage(image, str(labels), useCompression=True)
+        write_table(table, sorted(self.tissues.items()))
+
+
+def _named(label: int, name: str) -> AcousticTissue:
+    if name not in TISSUES:
+        raise ValueError(f"label {label} is {name!r}, which has no acoustic properties; use one of {', '.join(sorted(TISSUES))}")
+    return TISSUES[name]
+
+
+def _bounding_box(mask: NDArray[np.bool_], margin: int) -> tuple[slice, ...]:
+    box = []
+    for axis in range(mask.ndim):
+        held = np.flatnonzero(mask.any(axis=tuple(a for a in range(mask.ndim) if a != axis)))
+        box.append(slice(max(0, held[0] - margin), min(mask.shape[axis], held[-1] + margin + 1)))
+    return tuple(box)

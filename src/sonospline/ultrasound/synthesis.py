@@ -1,0 +1,250 @@
+"""Synthetic B-mode: the image a probe shows of a scene that a field deforms and a needle pierces."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _validate
+from ..field import Field
+from ..grid import Grid
+from ..grid_field import GridField
+from ..needle import Needle
+from . import needle_echo, pose
+from .aim import aim
+from .frame import Frame
+from .needle_echo import NeedleEcho
+from .optics import Optics, picture_plane
+from .probe import Probe
+from .scatterers import Scatterers, interface_scatterers, volume_scatterers
+from .scene import Scene
+
+logger = logging.getLogger(__name__)
+
+MARGIN_MM = 3.0
+"""Displacement allowed for when scatterers are chosen; a larger one chooses anew."""
+_NOISE_TILES = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Display:
+    """The scanner's knobs.
+
+    Parameters
+    ----------
+    gain_db : float, default: -31
+        Grey level of everything; -31 shows liver at the surface in the middle of a 60 dB range.
+    range_db : float, default: 60
+        Dynamic range from black to white.
+    tgc_db_cm_mhz : float, default: 0.6
+        Attenuation that time-gain compensation makes up for, one way.
+    noise_db : float, default: -76
+        Electronic noise relative to liver speckle at the surface.
+    """
+
+    gain_db: float = -31.0
+    range_db: float = 60.0
+    tgc_db_cm_mhz: float = 0.6
+    noise_db: float = -76.0
+
+    def __post_init__(self) -> None:
+        _validate.number("range_db", self.range_db, positive=True)
+        _validate.number("tgc_db_cm_mhz", self.tgc_db_cm_mhz)
+        for name in ("gain_db", "noise_db"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} = {getattr(self, name)} is not finite; give dB")
+
+
+@dataclass(frozen=True, eq=False)
+class BMode:
+    """One rendered image."""
+
+    frame: Frame
+    """The scan-converted picture, 8-bit, with its place in the world; masked outside the fan."""
+    beams: NDArray[np.uint8]
+    """(lines, samples) grey levels along the beams."""
+    iq: NDArray[np.complex64]
+    """(lines, samples) complex baseband, before compression."""
+    optics: Optics
+
+    @cached_property
+    def envelope(self) -> NDArray[np.float32]:
+        """(lines, samples) envelope over the rms of liver speckle at each depth (attenuation is in it)."""
+        return np.abs(self.iq) / np.sqrt(self.optics.speckle_power).astype(np.float32)
+
+
+class Ultrasound:
+    """A probe on a scene: made once, then rendered for every field and needle.
+
+    Scatterers live in the undeformed tissue, are carried forward by the field, and are each added once to a
+    grid of beams with the exact phase of the carrier at their range; pulse and beam follow as convolutions.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is there.
+    probe : Probe
+        What looks at it.
+    image_to_reference : (4, 4) array_like
+        Pose: rigid transform from the probe's image frame (origin in the middle of its face, x lateral,
+        y depth, z elevation) to the world.
+    display : Display, optional
+        Gain, dynamic range, time-gain compensation, noise.
+    needle_echo : NeedleEcho, optional
+        How the needle looks; by default a trocar.
+    picture_shape : (int, int), optional
+        Rows and columns of the picture; by default 512 along its longer side.
+    seed : int, default: 0
+        Of scatterers and noise: the same seed gives the same bits on one machine.
+
+    Raises
+    ------
+    ValueError
+        A pose that is not rigid, or a scene or probe that is none.
+
+    Examples
+    --------
+    >>> from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+    >>> scene = Scene.uniform("liver", size_mm=(30, 10, 40))
+    >>> probe = Probe.linear(depth_mm=30, lines=64, samples=512, aperture_mm=20)
+    >>> scanner = Ultrasound(scene, probe, facing((15, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
+    >>> image = scanner.render()
+    >>> bool(100 < image.beams[20:44, 50:250].mean() < 140)
+    True
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        probe: Probe,
+        image_to_reference: ArrayLike,
+        *,
+        display: Display | None = None,
+        needle_echo: NeedleEcho | None = None,
+        picture_shape: tuple[int, int] | None = None,
+        seed: int = 0,
+    ) -> None:
+        if not isinstance(scene, Scene):
+            raise ValueError(f"scene = {type(scene).__name__} is not a Scene; make one from a label map")
+        if not isinstance(probe, Probe):
+            raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
+        self.scene, self.probe, self.optics = scene, probe, Optics(probe)
+        self.image_to_reference = pose.rigid("image_to_reference", image_to_reference)
+        self.display = Display() if display is None else display
+        self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
+        self.seed = _validate.count("seed", seed, least=0)
+        self.plane = picture_plane(probe, self.image_to_reference, picture_shape)
+        self._plan = self.optics.plan(self.plane)
+        self._margin_mm = MARGIN_MM
+        self._grid: Grid | None = None
+
+    def moved(self, image_to_reference: ArrayLike) -> Ultrasound:
+        """Return the same scanner at another pose."""
+        rows_columns = self.plane.shape
+        return Ultrasound(
+            self.scene, self.probe, image_to_reference, display=self.display, needle_echo=self.needle_echo,
+            picture_shape=rows_columns, seed=self.seed,
+        )  # fmt: skip
+
+    def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
+        """Return the image of the deformed scene.
+
+        A probe that sees nothing of the scene gives a black image and a warning; a field with NaN is left out,
+        with a warning: rendering never stops a simulation.
+
+        Parameters
+        ----------
+        field : Field, optional
+            The deformation; one that is not a :class:`~sonospline.GridField` is sampled on its grid.
+        needle : Needle, optional
+            The needle in the tissue, where it is now.
+        frame : int, default: 0
+            Number of the frame: electronic noise differs from frame to frame.
+        """
+        grid_field = self._still if field is None else field if isinstance(field, GridField) else GridField.of(field)
+        largest = _largest(grid_field)
+        if not np.isfinite(largest):
+            logger.warning("the field contains NaN or infinity; the tissue is shown undeformed")
+            grid_field, largest = self._still, 0.0
+        if grid_field.grid is not self._grid or largest > self._margin_mm:
+            self._aim(grid_field.grid, largest)
+        if needle is None:
+            echoes, shadow = self._no_needle
+        else:
+            echoes, shadow = needle_echo.echo(self.needle_echo, needle, self.optics, self.image_to_reference, self.seed)
+        start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
+        iq, grey, picture = self._plan.render(
+            grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_echo.SHADOW_SOFT_MM,
+            self._noise[start:], self._noise_level, self._offset_db, self.display.range_db,
+        )  # fmt: skip
+        return BMode(Frame(picture, self.plane, self._fan), grey, iq.view(np.complex64)[..., 0], self.optics)
+
+    def with_display(self, **settings: float) -> Ultrasound:
+        """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
+        import copy
+
+        other = copy.copy(self)
+        other.display = replace(self.display, **settings)
+        for cached in ("_offset_db", "_noise_level"):
+            other.__dict__.pop(cached, None)
+        return other
+
+    def _aim(self, grid: Grid, largest_mm: float) -> None:
+        """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
+        while self._margin_mm < largest_mm:
+            self._margin_mm *= 1.5
+        scatterers = self._scatterers(self._margin_mm)
+        if not len(scatterers.points):
+            logger.warning("the probe sees nothing: its plane misses the scene, or all of it is fluid")
+        self._plan.aim(*aim(self.scene, self.optics, self.image_to_reference, grid, scatterers))
+        self._grid = grid
+
+    def _scatterers(self, margin_mm: float) -> Scatterers:
+        volume = volume_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm, self.seed)
+        surface = interface_scatterers(self.scene.interfaces, self.optics, self.image_to_reference, margin_mm)
+        return Scatterers(*(np.concatenate(pair) for pair in zip(volume, surface, strict=True)))
+
+    @cached_property
+    def _still(self) -> GridField:
+        lattice = self.scene.labels.lattice
+        grid = Grid.covering(lattice.extent, nodes=20_000, origin=lattice.origin, direction=lattice.direction)
+        return GridField(grid, np.zeros((*grid.shape, 3), np.float32))
+
+    @cached_property
+    def _no_needle(self) -> tuple[Any, Any]:
+        lines = self.probe.lines
+        shadow = np.stack([np.full(lines, 2 * self.probe.depth_mm), np.ones(lines)]).astype(np.float32)
+        return np.zeros((0, 4), np.float32), shadow
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float32]:
+        size = _NOISE_TILES * 2 * self.probe.lines * self.probe.samples
+        return np.random.default_rng(self.seed).standard_normal(size, np.float32)
+
+    @cached_property
+    def _noise_level(self) -> float:
+        return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (self.display.noise_db / 20))
+
+    @cached_property
+    def _offset_db(self) -> NDArray[np.float32]:
+        """What brings the log of |s|^2 to the display: the speckle's own power taken out, TGC and gain added."""
+        tgc = 2 * self.display.tgc_db_cm_mhz * self.probe.frequency_mhz * self.probe.ranges / 10
+        return (tgc - 10 * np.log10(self.optics.speckle_power) + self.display.gain_db).astype(np.float32)
+
+    @cached_property
+    def _fan(self) -> NDArray[np.bool_]:
+        flat = self.plane.project(self.plane.points)
+        r, line, _ = self.probe.beam_coordinates(flat).T
+        inside = (r >= 0) & (r <= self.probe.depth_mm) & (line >= 0) & (line <= self.probe.lines - 1)
+        return inside.reshape(self.plane.shape)
+
+
+def _largest(field: GridField) -> float:
+    """Largest component of a displacement; NaN where there is one."""
+    values = field.along_axes
+    return float(max(values.max(), -values.min()))
