@@ -3,6 +3,7 @@
 from .acoustics import TISSUES, AcousticTissue
 from .dicom import Clip, Region, read_dicom
 from .frame import Frame
+from .kidney import KidneyPhantom, kidney_phantom
 from .needle_echo import NeedleEcho
 from .plane import ImagePlane
 from .pose import facing
@@ -20,6 +21,7 @@ __all__ = [
     "Display",
     "Frame",
     "ImagePlane",
+    "KidneyPhantom",
     "NeedleEcho",
     "NodeSlice",
     "PlaneSlice",
@@ -29,6 +31,7 @@ __all__ = [
     "Scene",
     "Ultrasound",
     "facing",
+    "kidney_phantom",
     "read_dicom",
     "swept",
 ]

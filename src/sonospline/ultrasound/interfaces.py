@@ -11,12 +11,14 @@ from ..grid import Grid
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
+Window = tuple[slice, slice, slice]
 
 _SMOOTHING_VOXELS = 1.2
 _SMALLEST_STEP = 0.004
 """Reflection coefficient below which a surface is not seen."""
 _LARGEST_STEP = 0.5
 """Bone and gas reflect more; beyond this, brightness says nothing new."""
+_BORDER = 6
 
 
 class Interfaces(NamedTuple):
@@ -32,54 +34,64 @@ class Interfaces(NamedTuple):
     """(m,) surface each point stands for, mm^2."""
 
 
-def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, seed: int = 0) -> Interfaces:
-    """Return points on the surfaces of a label map.
+def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, window: Window) -> Interfaces:
+    """Return points on the surfaces of a label map within a window of voxels.
 
-    One point per voxel face between labels of different impedance, moved along the normal onto the
-    step of the smoothed impedance: voxel faces themselves would ring like stairs.
+    One point per voxel face between labels of different impedance, off its middle by a hash of its place,
+    then moved along the normal onto the step of the smoothed impedance: voxel faces themselves would
+    ring like stairs.
     """
-    from scipy.ndimage import gaussian_filter, map_coordinates
+    from scipy.ndimage import gaussian_filter
 
     spacing = np.array(lattice.spacing)
-    faces, steps, reflection = [], [], []
-    for axis in range(3):
-        low, high = (labels[tuple(s if a == axis else slice(None) for a in range(3))] for s in (slice(-1), slice(1, None)))
-        index = np.argwhere(low != high)
-        z1, z2 = impedance[low[tuple(index.T)]], impedance[high[tuple(index.T)]]
-        step = np.abs(z2 - z1) / (z2 + z1)
-        kept = step > _SMALLEST_STEP
-        middle = index[kept].astype(np.float32)
-        middle[:, axis] += 0.5
-        faces.append(middle)
-        steps.append(((z1 + z2) / 2)[kept])
-        reflection.append(np.column_stack([step[kept], np.full(kept.sum(), axis)]))
-    at, middle_z = np.concatenate(faces), np.concatenate(steps)
-    size, axis = np.concatenate(reflection).T
-    if not len(at):
-        return Interfaces(*(np.zeros(s, np.float32) for s in ((0, 3), (0, 3), 0, 0)))
-    random = np.random.default_rng(seed)
-    smooth = gaussian_filter(impedance.astype(np.float32)[labels], _SMOOTHING_VOXELS / spacing * spacing.min())
-    spread = random.uniform(-0.5, 0.5, at.shape).astype(np.float32)
-    spread[np.arange(len(at)), axis.astype(int)] = 0  # along the face: no lattice of points
-    at = at + spread
+    wider = tuple(slice(max(0, w.start - _BORDER), min(n, w.stop + _BORDER)) for w, n in zip(window, labels.shape, strict=True))
+    part = labels[wider]
+    smooth = gaussian_filter(impedance.astype(np.float32)[part], _SMOOTHING_VOXELS * spacing.min() / spacing)
+    found = [_faces(part, smooth, impedance, spacing, axis) for axis in range(3)]
+    points, normals, reflection, area = (np.concatenate(kind) for kind in zip(*found, strict=True))
+    index = points / spacing + [w.start for w in wider]
+    kept = np.logical_and.reduce([(index[:, a] >= w.start) & (index[:, a] < w.stop) for a, w in enumerate(window)])
+    return Interfaces(
+        lattice.world(index[kept] * spacing).astype(np.float32),
+        (normals[kept] @ lattice.direction.T).astype(np.float32),
+        reflection[kept].astype(np.float32),
+        area[kept].astype(np.float32),
+    )
 
-    def sampled(index: Floats) -> Floats:
-        return map_coordinates(smooth, index.T, order=1, mode="nearest")
 
-    gradient = np.empty_like(at)
+def _faces(labels: NDArray[np.uint8], smooth: Floats, impedance: Array, spacing: Array, axis: int) -> tuple[Array, ...]:
+    """Points (mm from the window's first voxel), normals, reflection and area of the faces across one axis."""
+    low, high = (labels[tuple(s if a == axis else slice(None) for a in range(3))] for s in (slice(-1), slice(1, None)))
+    index = np.argwhere(low != high)
+    z1, z2 = impedance[low[tuple(index.T)]], impedance[high[tuple(index.T)]]
+    step = np.abs(z2 - z1) / (z2 + z1)
+    kept = step > _SMALLEST_STEP
+    index, step, middle = index[kept], step[kept], ((z1 + z2) / 2)[kept]
+    beside = index.copy()
+    beside[:, axis] += 1
+    before, after = smooth[tuple(index.T)], smooth[tuple(beside.T)]
+    gradient = np.empty((len(index), 3))
+    last = np.array(labels.shape) - 1
     for a in range(3):
-        offset = np.zeros(3, np.float32)
-        offset[a] = 1
-        gradient[:, a] = (sampled(at + offset) - sampled(at - offset)) / (2 * spacing[a])
+        if a == axis:
+            gradient[:, a] = (after - before) / spacing[a]
+            continue
+        ahead, behind = (np.clip(index[:, a] + s, 0, last[a]) for s in (1, -1))
+        total = np.zeros(len(index))
+        for side in (index, beside):
+            total += smooth[tuple(ahead if b == a else side[:, b] for b in range(3))]
+            total -= smooth[tuple(behind if b == a else side[:, b] for b in range(3))]
+        gradient[:, a] = total / (4 * spacing[a])
     slope = np.linalg.norm(gradient, axis=1) + 1e-12
     normal = gradient / slope[:, None]
-    shift = np.clip((middle_z - sampled(at)) / slope, -spacing.min(), spacing.min())
-    local = at * spacing + shift[:, None] * normal
-    facing = np.abs(normal[np.arange(len(at)), axis.astype(int)])
-    area = np.prod(spacing) / spacing[axis.astype(int)] * facing
-    return Interfaces(
-        lattice.world(local).astype(np.float32),
-        (normal @ lattice.direction.T).astype(np.float32),
-        np.minimum(size, _LARGEST_STEP).astype(np.float32),
-        area.astype(np.float32),
-    )
+    shift = np.clip((middle - (before + after) / 2) / slope, -spacing.min(), spacing.min())
+    key = np.ravel_multi_index(tuple(index.T), labels.shape).astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    offset = np.stack([(key >> np.uint64(8 + 16 * a)) & np.uint64(0xFFFF) for a in range(3)], axis=1) / 65536.0 - 0.5
+    offset[:, axis] = 0.5
+    tangent = offset * spacing
+    tangent[:, axis] = 0
+    tangent -= (tangent * normal).sum(axis=1, keepdims=True) * normal
+    points = index * spacing + shift[:, None] * normal + tangent
+    points[:, axis] += 0.5 * spacing[axis]
+    area = np.prod(spacing) / spacing[axis] * np.abs(normal[:, axis])
+    return points, normal, np.minimum(step, _LARGEST_STEP), area

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from . import pose
 from .acoustics import NO_ECHO
-from .interfaces import Interfaces
 from .optics import ELEVATION_CUT, Optics
 from .scene import Scene
 
@@ -74,8 +73,9 @@ def volume_scatterers(scene: Scene, optics: Optics, transform: Array, margin_mm:
     return Scatterers(points[echoing], amplitude[echoing])
 
 
-def interface_scatterers(interfaces: Interfaces, optics: Optics, transform: Array, margin_mm: float) -> Scatterers:
+def interface_scatterers(scene: Scene, optics: Optics, transform: Array, margin_mm: float) -> Scatterers:
     """Return the surfaces' points within a slice, brighter the squarer the beam meets them, undeformed."""
+    interfaces = scene.interfaces(*_box(scene, optics, transform, margin_mm))
     seen = pose.to_image(transform, interfaces.points.astype(np.float64))
     kept = np.flatnonzero(_heard(seen, optics, margin_mm))
     normal = interfaces.normals[kept] @ transform[:3, :3]
@@ -109,17 +109,23 @@ def _heard(points: Array, optics: Optics, margin_mm: float, more_mm: float = 0.0
     return near & (np.abs(z) < ELEVATION_CUT * sigma + slack)
 
 
-def _bricks(scene: Scene, optics: Optics, transform: Array, margin_mm: float, side: float) -> NDArray[np.int64]:
-    """Indices (n, 3) of bricks of the scene's lattice frame that a slice touches."""
+def _box(scene: Scene, optics: Optics, transform: Array, margin_mm: float) -> tuple[Array, Array]:
+    """Corners of the box around a slice, in the scene's lattice frame."""
     left, right, top, bottom = optics.probe.footprint
     thick = ELEVATION_CUT * float(optics.probe.elevation_sigma(np.array([0, optics.probe.depth_mm])).max()) + margin_mm
     box = np.array([[left, right], [top, bottom], [-thick, thick]])
     box[:2] += np.array([-margin_mm, margin_mm])
     corners = np.stack(np.meshgrid(*box, indexing="ij"), axis=-1).reshape(-1, 3)
     local = scene.labels.lattice.local(pose.to_reference(transform, corners))
+    return local.min(axis=0), local.max(axis=0)
+
+
+def _bricks(scene: Scene, optics: Optics, transform: Array, margin_mm: float, side: float) -> NDArray[np.int64]:
+    """Indices (n, 3) of bricks of the scene's lattice frame that a slice touches."""
+    box = _box(scene, optics, transform, margin_mm)
     half = np.array(scene.labels.lattice.spacing) / 2
-    low = np.floor(np.maximum(local.min(axis=0), -half) / side).astype(np.int64)
-    high = np.ceil(np.minimum(local.max(axis=0), scene.labels.lattice.extent + half) / side).astype(np.int64)
+    low = np.floor(np.maximum(box[0], -half) / side).astype(np.int64)
+    high = np.ceil(np.minimum(box[1], scene.labels.lattice.extent + half) / side).astype(np.int64)
     if (high <= low).any():
         return np.zeros((0, 3), np.int64)
     found = []

@@ -88,10 +88,14 @@ class Scene:
         """The label map as the core takes it."""
         return np.ascontiguousarray(self.labels.voxels, np.uint8)
 
-    @cached_property
-    def interfaces(self) -> Interfaces:
-        """Points on the surfaces where the impedance steps."""
-        return find_interfaces(self.bytes, self.labels.lattice, self.table("impedance"))
+    def interfaces(self, low_mm: Array, high_mm: Array) -> Interfaces:
+        """Return points on the surfaces where the impedance steps, in a box of the lattice frame."""
+        spacing, shape = np.array(self.labels.lattice.spacing), self.bytes.shape
+        first, last = np.floor(low_mm / spacing).astype(int), np.ceil(high_mm / spacing).astype(int) + 1
+        window = tuple(slice(max(0, a), max(0, min(n, b))) for a, b, n in zip(first, last, shape, strict=True))
+        if min(w.stop - w.start for w in window) < 1:
+            return Interfaces(*(np.zeros(s, np.float32) for s in ((0, 3), (0, 3), 0, 0)))
+        return find_interfaces(self.bytes, self.labels.lattice, self.table("impedance"), window)  # type: ignore[arg-type]
 
     def refined(self, spacing_mm: float) -> Scene:
         """Return the same scene on a finer lattice, its surfaces rounded instead of stepped.

@@ -206,7 +206,7 @@ class Ultrasound:
 
     def _scatterers(self, margin_mm: float) -> Scatterers:
         volume = volume_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm, self.seed)
-        surface = interface_scatterers(self.scene.interfaces, self.optics, self.image_to_reference, margin_mm)
+        surface = interface_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm)
         return Scatterers(*(np.concatenate(pair) for pair in zip(volume, surface, strict=True)))
 
     @cached_property

@@ -28,6 +28,12 @@ BmodeRenderer::BmodeRenderer(const ProbeTables &probe)
     const std::size_t taps = static_cast<std::size_t>(2 * probe.lateral_half + 1) * probe.beam.samples;
     taps_.resize(2 * taps + kEchoSlack);
     for (std::size_t i = 0; i < taps; ++i) taps_[2 * i] = taps_[2 * i + 1] = probe.lateral[i];
+    const float ratio = static_cast<float>(probe.ray_samples) / static_cast<float>(probe.beam.samples);
+    for (int n = 0; n < probe.beam.samples; ++n) {
+        const float at = std::max(static_cast<float>(n) * ratio - 0.5f, 0.0f);
+        coarse_.push_back(static_cast<int>(at));
+        beyond_.push_back(at - std::floor(at));
+    }
 }
 
 void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutput &out) {
@@ -108,16 +114,13 @@ void BmodeRenderer::gain_of(const FrameInput &in, int line, float *gain) const {
         for (int n = 0; n < coarse; ++n) smooth[n] += weights[k] * ray[n];
     }
     smooth[coarse] = smooth[coarse - 1];
-    const float ratio = static_cast<float>(coarse) / static_cast<float>(samples);
+    for (int n = 0; n < samples; ++n)
+        gain[n] = smooth[coarse_[n]] + beyond_[n] * (smooth[coarse_[n] + 1] - smooth[coarse_[n]]);
     const float begins = in.shadow[line], shaded = in.shadow[probe_.beam.lines + line];
+    if (shaded >= 1) return;
     const float sample_mm = probe_.beam.depth_mm / static_cast<float>(samples), softness = 1 / in.shadow_soft_mm;
-    for (int n = 0; n < samples; ++n) {
-        const float at = std::max(static_cast<float>(n) * ratio - 0.5f, 0.0f);
-        const int low = static_cast<int>(at);
-        const float behind = std::min(std::max((static_cast<float>(n) * sample_mm - begins) * softness, 0.0f), 1.0f);
-        gain[n] = (smooth[low] + (at - static_cast<float>(low)) * (smooth[low + 1] - smooth[low])) *
-                  (1 - (1 - shaded) * behind);
-    }
+    for (int n = std::max(0, static_cast<int>(begins / sample_mm)); n < samples; ++n)
+        gain[n] *= 1 - (1 - shaded) * std::min(std::max((static_cast<float>(n) * sample_mm - begins) * softness, 0.0f), 1.0f);
 }
 
 void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {

@@ -76,6 +76,8 @@ class BmodeRenderer {
     std::vector<float> taps_;        // lateral taps, each twice: for real and imaginary parts
     std::vector<float> polynomials_;
     std::vector<LineSpan> spans_;
+    std::vector<int> coarse_;        // (samples) coarse sample before each
+    std::vector<float> beyond_;      // (samples) and how far beyond it
 };
 
 }  // namespace sono

@@ -1,0 +1,78 @@
+"""Painting shapes into a label map, each within its bounding box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.floating]
+
+
+class Canvas:
+    """A label map on a lattice along the world axes.
+
+    Parameters
+    ----------
+    low_mm, high_mm : (float, float, float)
+        Its first and last corner.
+    spacing_mm : float
+        Voxel size.
+    """
+
+    def __init__(self, low_mm: ArrayLike, high_mm: ArrayLike, spacing_mm: float) -> None:
+        self.origin = np.asarray(low_mm, float)
+        self.spacing_mm = spacing_mm
+        size = np.asarray(high_mm, float) - self.origin
+        self.labels = np.zeros(tuple(round(s / spacing_mm) + 1 for s in size), np.uint8)
+
+    def axes(self, window: tuple[slice, ...] | None = None) -> tuple[Array, Array, Array]:
+        """Return coordinates of the voxels of a window in mm, to be broadcast against each other."""
+        chosen = window or (slice(None),) * 3
+        x, y, z = (
+            (np.float32(o) + self.spacing_mm * np.arange(n, dtype=np.float32))[s]
+            for o, n, s in zip(self.origin, self.labels.shape, chosen, strict=True)
+        )
+        return x[:, None, None], y[None, :, None], z[None, None, :]
+
+    def window(self, low: ArrayLike, high: ArrayLike) -> tuple[slice, ...]:
+        """Return the voxels of a box in mm."""
+        first = np.floor((np.asarray(low, float) - self.origin) / self.spacing_mm).astype(int)
+        last = np.ceil((np.asarray(high, float) - self.origin) / self.spacing_mm).astype(int) + 1
+        return tuple(slice(max(0, a), max(0, min(n, b))) for a, b, n in zip(first, last, self.labels.shape, strict=True))
+
+    def paint(
+        self,
+        label: int,
+        low: ArrayLike,
+        high: ArrayLike,
+        inside: Callable[[Array, Array, Array], NDArray[np.bool_]],
+        *,
+        over: tuple[int, ...] | None = None,
+    ) -> None:
+        """Give a label to the voxels of a box that lie inside a shape (and hold one of ``over``)."""
+        window = self.window(low, high)
+        part = self.labels[window]
+        if not part.size:
+            return
+        chosen = np.broadcast_to(inside(*self.axes(window)), part.shape)
+        if over is not None:
+            chosen = chosen & np.isin(part, over)
+        part[chosen] = label
+
+    def tube(
+        self, label: int, start: ArrayLike, end: ArrayLike, radii: tuple[float, float], *, over: tuple[int, ...] | None = None
+    ) -> None:
+        """Paint a tube with round ends, its radius going from one value to the other."""
+        a, b = np.asarray(start, float), np.asarray(end, float)
+        reach = max(radii)
+        along = (b - a) / max(float((b - a) @ (b - a)), 1e-9)
+
+        def inside(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
+            t = np.clip((x - a[0]) * along[0] + (y - a[1]) * along[1] + (z - a[2]) * along[2], 0, 1)
+            foot = [a[i] + t * (b[i] - a[i]) for i in range(3)]
+            radius = radii[0] + t * (radii[1] - radii[0])
+            return (x - foot[0]) ** 2 + (y - foot[1]) ** 2 + (z - foot[2]) ** 2 < radius**2
+
+        self.paint(label, np.minimum(a, b) - reach, np.maximum(a, b) + reach, inside, over=over)
