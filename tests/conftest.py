@@ -1,5 +1,8 @@
 """Fixtures shared by all rooms: landmarks, tissue, and the two backends of the core."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -96,3 +99,12 @@ def an_analytic_history():
         return np.array(at_depth)
 
     return history
+
+
+@pytest.fixture(scope="session")
+def shared_data():
+    """The folder of real data beside the project (or ``SONOSPLINE_SHARED_DATA``)."""
+    folder = Path(os.environ.get("SONOSPLINE_SHARED_DATA") or Path(__file__).parents[2] / "shared" / "data")
+    if not folder.is_dir():
+        pytest.skip("the shared real data are not here")
+    return folder

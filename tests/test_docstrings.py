@@ -12,7 +12,7 @@ import sonospline
 
 ROOT = Path(sonospline.__file__).parent
 EXTRAS = (
-    *("SimpleITK", "vtk", "vtkmodules", "matplotlib", "rich"),
+    *("SimpleITK", "vtk", "vtkmodules", "matplotlib", "PIL", "pyvista", "pydicom", "rich"),
     *("skfem", "pyamg", "pypardiso", "pymoo", "distributed"),
 )
 

@@ -17,6 +17,7 @@ def test_every_example_is_tested():
         "01_push_a_needle.py",
         "02_warp_an_image.py",
         "03_choose_a_reading.py",
+        "04_see_a_needle.py",
     ]
 
 
@@ -31,3 +32,7 @@ def test_warp_an_image():
 def test_choose_a_reading():
     means = run("03_choose_a_reading.py")["mean_displacement"]
     assert list(means.values()) == pytest.approx([0.00270, 0.00303, 0.00210], rel=0.01)
+
+
+def test_see_a_needle():
+    assert run("04_see_a_needle.py")["calyx_shift"] == pytest.approx(1.0, abs=0.9)

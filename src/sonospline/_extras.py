@@ -16,6 +16,7 @@ PROVIDES = {
     "pypardiso": "direct",
     "pymoo": "tune",
     "distributed": "dask",
+    "PIL": "plot",
     "pyvista": "view",
     "pydicom": "dicom",
     "rich": "cli",

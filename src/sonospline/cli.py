@@ -18,9 +18,9 @@ from types import ModuleType
 
 from ._extras import MissingExtraError
 
-VERBS = ("insert", "tune", "reproduce", "bench", "doctor")
+VERBS = ("insert", "image", "tune", "reproduce", "bench", "doctor")
 
-_POINT_OPTION = re.compile(r"--(entry|target)")
+_POINT_OPTION = re.compile(r"--(entry|target|origin|look|right)")
 _NEGATIVE = re.compile(r"-[\d.]")
 
 

@@ -96,7 +96,7 @@ class BmodePlan:
         return iq, grey, self._picture(grey)
 
     def _polynomials(self, values: Floats, spacing: tuple[float, float, float]) -> Floats:
-        """Position within each cell (cells, 8, 3): coefficients of 1 u v w uv uw vw uvw along lateral, elevation, axial."""
+        """Place in each cell (cells, 8, 3): coefficients of 1 u v w uv uw vw uvw; lateral, elevation, axial."""
         flat = values.reshape(-1, 3)
         first, step = self.nodes[:, 0], self.nodes[:, 1:].T
         corner = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)]
@@ -135,7 +135,7 @@ class BmodePlan:
 
     def _echoes(self, polynomials: Floats, cell: NDArray[np.int64], place: Floats, amplitude: Floats) -> Any:
         """Line, half-sample, real and imaginary part of some scatterers."""
-        to_line, cycles_per_mm, to_bin, variance, spread, focus, cut, cut_weight = self.geometry[:8]
+        to_line, cycles_per_mm, to_bin, variance, spread, focus, _, cut_weight = self.geometry[:8]
         u, v, w = place[..., None]
         c = polynomials[cell]
         across, elevation, further = (

@@ -22,7 +22,7 @@ EXAMPLES = """examples:
   sonospline doctor
   sonospline doctor --json
 """
-_DISTRIBUTION = {"vtkmodules": "vtk", "skfem": "scikit-fem"}
+_DISTRIBUTION = {"vtkmodules": "vtk", "skfem": "scikit-fem", "PIL": "pillow"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ from ..needle import Needle
 from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
 from ..volume import Volume
-from . import _parameters
+from . import _parameters, _points
 from ._progress import bar, track
 
 Array = NDArray[np.float64]
@@ -130,13 +130,7 @@ def _needle(args: argparse.Namespace, volume: Volume) -> Needle:
 
 
 def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
-    try:
-        numbers = [float(part) for part in str(text).split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3:
-        raise ValueError(f"--{name} {text!r} is not a point; give three numbers X,Y,Z")
-    point = _validate.vector(f"--{name}", numbers)
+    point = _points.parse(name, text)
     if frame == "IJK":
         return volume.position(point[None])[0]
     return RAS_TO_LPS @ point if frame == "LPS" else point

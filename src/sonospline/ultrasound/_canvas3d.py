@@ -40,7 +40,9 @@ class Canvas:
         """Return the voxels of a box in mm."""
         first = np.floor((np.asarray(low, float) - self.origin) / self.spacing_mm).astype(int)
         last = np.ceil((np.asarray(high, float) - self.origin) / self.spacing_mm).astype(int) + 1
-        return tuple(slice(max(0, a), max(0, min(n, b))) for a, b, n in zip(first, last, self.labels.shape, strict=True))
+        return tuple(
+            slice(max(0, a), max(0, min(n, b))) for a, b, n in zip(first, last, self.labels.shape, strict=True)
+        )
 
     def paint(
         self,
@@ -62,7 +64,13 @@ class Canvas:
         part[chosen] = label
 
     def tube(
-        self, label: int, start: ArrayLike, end: ArrayLike, radii: tuple[float, float], *, over: tuple[int, ...] | None = None
+        self,
+        label: int,
+        start: ArrayLike,
+        end: ArrayLike,
+        radii: tuple[float, float],
+        *,
+        over: tuple[int, ...] | None = None,
     ) -> None:
         """Paint a tube with round ends, its radius going from one value to the other."""
         a, b = np.asarray(start, float), np.asarray(end, float)

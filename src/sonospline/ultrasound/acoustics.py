@@ -58,7 +58,9 @@ class AcousticTissue:
         for field in ("attenuation_db_cm_mhz", "texture_db"):
             _validate.number(field, getattr(self, field))
         if not NO_ECHO <= self.backscatter_db <= 40:
-            raise ValueError(f"backscatter_db = {self.backscatter_db} of {self.name}; give {NO_ECHO:g} to 40 dB re liver")
+            raise ValueError(
+                f"backscatter_db = {self.backscatter_db} of {self.name}; give {NO_ECHO:g} to 40 dB re liver"
+            )
 
     @property
     def impedance(self) -> float:
@@ -67,12 +69,24 @@ class AcousticTissue:
 
 
 def _tissue(
-    name: str, c: float, rho: float, alpha: float, level: float, source: str,
-    texture_db: float = 0.0, texture_mm: tuple[float, float, float] = (3.0, 3.0, 3.0),
+    name: str,
+    c: float,
+    rho: float,
+    alpha: float,
+    level: float,
+    source: str,
+    texture_db: float = 0.0,
+    texture_mm: tuple[float, float, float] = (3.0, 3.0, 3.0),
 ) -> AcousticTissue:
     return AcousticTissue(
-        name=name, speed_m_s=c, density_kg_m3=rho, attenuation_db_cm_mhz=alpha, backscatter_db=level,
-        texture_db=texture_db, texture_mm=texture_mm, source=source,
+        name=name,
+        speed_m_s=c,
+        density_kg_m3=rho,
+        attenuation_db_cm_mhz=alpha,
+        backscatter_db=level,
+        texture_db=texture_db,
+        texture_mm=texture_mm,
+        source=source,
     )
 
 
@@ -131,5 +145,7 @@ def read_table(path: str | Path) -> dict[int, AcousticTissue]:
                 numbers = {c: float(row[c]) for c in _COLUMNS[1:-1]}
                 table[int(row["label"])] = AcousticTissue(name=row["name"], source=row["source"], **numbers)  # type: ignore[arg-type]
     except (OSError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise ValueError(f"table = {str(path)!r} cannot be read ({error!r}); give a CSV with {', '.join(_COLUMNS)}") from None
+        raise ValueError(
+            f"table = {str(path)!r} cannot be read ({error!r}); give a CSV with {', '.join(_COLUMNS)}"
+        ) from None
     return table

@@ -60,6 +60,7 @@ def aim(scene: Scene, optics: Optics, transform: Array, grid: Grid, scatterers: 
     starts = np.searchsorted(which[sort], np.arange(len(cells) + 1)).astype(np.int32)
     largest = float(np.abs(scatterers.amplitude).max(initial=1e-12))
     amplitude = np.rint(scatterers.amplitude[sort] * (_FULL / largest)).astype(np.int16)
+    two_way = 2 * optics.probe.frequency_mhz * optics.probe.depth_mm / RAY_SAMPLES / 10
     return Aim(
         np.ascontiguousarray(frames[order], np.float32),
         _nodes(cells[order], grid),
@@ -70,8 +71,7 @@ def aim(scene: Scene, optics: Optics, transform: Array, grid: Grid, scatterers: 
         *_rays(optics, transform, grid),
         scene.bytes,
         _label_index(scene, grid),
-        (scene.table("attenuation_db_cm_mhz") * 2 * optics.probe.frequency_mhz * optics.probe.depth_mm / RAY_SAMPLES / 10)
-        .astype(np.float32),
+        (two_way * scene.table("attenuation_db_cm_mhz")).astype(np.float32),
         scene.table("impedance").astype(np.float32),
     )  # fmt: skip
 
@@ -116,7 +116,9 @@ def _rays(optics: Optics, transform: Array, grid: Grid) -> tuple[Array, Array]:
     step = probe.depth_mm / RAY_SAMPLES
     line = np.linspace(0, probe.lines - 1, RAYS)
     ends = [
-        grid.local(pose.to_reference(transform, probe.image_points(np.column_stack([np.full(RAYS, r), line, np.zeros(RAYS)]))))
+        grid.local(
+            pose.to_reference(transform, probe.image_points(np.column_stack([np.full(RAYS, r), line, np.zeros(RAYS)])))
+        )
         for r in (0.5 * step, 1.5 * step)
     ]
     return ends[0], ends[1] - ends[0]
@@ -126,5 +128,3 @@ def _label_index(scene: Scene, grid: Grid) -> Array:
     lattice = scene.labels.lattice
     to_index = lattice.direction.T / np.array(lattice.spacing)[:, None]
     return np.column_stack([to_index @ grid.direction, to_index @ (grid.origin - lattice.origin)])
-
-

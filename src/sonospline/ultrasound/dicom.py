@@ -59,7 +59,9 @@ class Clip:
             No such frame or region, or a file without calibration where ``spacing_mm`` is not given.
         """
         if not 0 <= _validate.count("index", index, least=0) < len(self.frames):
-            raise ValueError(f"index = {index} is beyond the {len(self.frames)} frames; give 0 to {len(self.frames) - 1}")
+            raise ValueError(
+                f"index = {index} is beyond the {len(self.frames)} frames; give 0 to {len(self.frames) - 1}"
+            )
         pixels = self.frames[index]
         if self.regions:
             if not 0 <= region < len(self.regions):
@@ -117,6 +119,11 @@ def _regions(dataset: Any) -> list[Region]:
         in_cm = item.get("PhysicalUnitsXDirection") == item.get("PhysicalUnitsYDirection") == _CENTIMETRES
         size = (10 * abs(float(item.get("PhysicalDeltaX", 0))), 10 * abs(float(item.get("PhysicalDeltaY", 0))))
         if in_cm and min(size) > 0 and item.get("RegionDataType") == _TISSUE:
-            corners = (item.RegionLocationMinX0, item.RegionLocationMinY0, item.RegionLocationMaxX1, item.RegionLocationMaxY1)
+            corners = (
+                item.RegionLocationMinX0,
+                item.RegionLocationMinY0,
+                item.RegionLocationMaxX1,
+                item.RegionLocationMaxY1,
+            )
             found.append(Region(*(int(c) for c in corners), spacing_mm=size))
     return found

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
 from .._extras import require
 from ..field import Field
 from . import pose
@@ -102,7 +101,9 @@ class Frame:
             raise ValueError(f"frame = {str(path)!r} is coloured; give a grey image")
         while pixels.ndim > 2:
             if not 0 <= index < len(pixels):
-                raise ValueError(f"index = {index} is beyond the {len(pixels)} frames of the file; give 0 to {len(pixels) - 1}")
+                raise ValueError(
+                    f"index = {index} is beyond the {len(pixels)} frames of the file; give 0 to {len(pixels) - 1}"
+                )
             pixels = pixels[index]
         calibrated = image.GetSpacing()[:2]
         if spacing_mm is None:
@@ -178,5 +179,3 @@ def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
     (x0, y0, _), (x1, y1, _) = plane.project(np.stack([needle.entry, needle.tip]))
     ax.plot([x0, x1], [y0, y1], color="#ff5a36", lw=1.4, solid_capstyle="butt")
     ax.plot(x1, y1, marker=".", ms=5, color="#ff5a36")
-
-

@@ -44,7 +44,9 @@ def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, 
     from scipy.ndimage import gaussian_filter
 
     spacing = np.array(lattice.spacing)
-    wider = tuple(slice(max(0, w.start - _BORDER), min(n, w.stop + _BORDER)) for w, n in zip(window, labels.shape, strict=True))
+    wider = tuple(
+        slice(max(0, w.start - _BORDER), min(n, w.stop + _BORDER)) for w, n in zip(window, labels.shape, strict=True)
+    )
     part = labels[wider]
     smooth = gaussian_filter(impedance.astype(np.float32)[part], _SMOOTHING_VOXELS * spacing.min() / spacing)
     found = [_faces(part, smooth, impedance, spacing, axis) for axis in range(3)]

@@ -1,7 +1,7 @@
 """A kidney-access phantom: flank, rib, kidney with its collecting system, and targets in calyces.
 
 Axes in mm: x from head to foot, y across the image, z from the skin down. Sizes: kidney 106 x 48 x 46 mm and
-134 ml (length 106 +- 7, width 48 +- 8: PLoS ONE 2019 e0224785); parenchyma 15 to 20, with 7 of cortex over
+134 ml (length 106 +- 7, width 48 +- 8: PLoS ONE 2019 e0224785); parenchyma 15 to 20, with 6 of cortex over
 the pyramids; 15 pyramids in three rows (9 to 14 are usual, of which an image cuts a few); skin to calyx about
 110 along the needle (prone 98, 65 to 129: R J Urol 2016;195:377). The rest was set by eye.
 """
@@ -36,7 +36,7 @@ _CENTRE = np.array([62.0, 50.0, 72.0])
 _SEMI_AXES = np.array([53.0, 24.0, 23.0])
 _EXPONENT = 2.2
 _TILT = np.radians(10.0)
-_CORTEX_MM = 7.0
+_CORTEX_MM = 6.0
 _CALYX = (24.0, 0.0, 3.0)
 _STATIONS = (-33.0, -21.0, -8.0, 8.0, 33.0)
 _ROWS_DEG = (-62.0, 0.0, 62.0)
@@ -104,7 +104,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True) -> KidneyPh
 def _world(local: tuple[float, float, float]) -> NDArray[np.float64]:
     """A position of the kidney's frame (x towards its lower pole, z towards its hilum) in the world."""
     x, y, z = local
-    return _CENTRE + [np.cos(_TILT) * x + np.sin(_TILT) * z, y, -np.sin(_TILT) * x + np.cos(_TILT) * z]
+    return _CENTRE + np.array([np.cos(_TILT) * x + np.sin(_TILT) * z, y, -np.sin(_TILT) * x + np.cos(_TILT) * z])
 
 
 def _local(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -114,7 +114,7 @@ def _local(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
 
 def _paint_flank(canvas: Canvas, push: float) -> None:
     """Skin, fat with septa, muscle with fascia, perirenal fat and psoas, as the pressed probe leaves them."""
-    x, y, z = canvas.axes()
+    x, y, _ = canvas.axes()
     sag = 60 - np.sqrt(np.maximum(60**2 - (x - _PROBE_X) ** 2, 0))
     contact = np.maximum(push - sag, 0) * np.exp(-(((y - _PROBE_Y) / 16) ** 4) / 2)
 
@@ -144,7 +144,9 @@ def _paint_flank(canvas: Canvas, push: float) -> None:
     for number, (start, thickness, inside, broken) in enumerate(sheets):
         first, last = surface(start), surface(start + thickness)
         last = np.maximum(last, first + 1)
-        there = (np.sin(2 * np.pi * x / (19 + 5 * number) + number) + np.sin(2 * np.pi * y / 23 + 2 * number))[..., 0] > broken
+        there = (np.sin(2 * np.pi * x / (19 + 5 * number) + number) + np.sin(2 * np.pi * y / 23 + 2 * number))[
+            ..., 0
+        ] > broken
         rows, columns = np.nonzero(there)
         for step in range(int((last - first).max())):
             level = np.minimum(first + step, canvas.labels.shape[2] - 1)
@@ -173,7 +175,8 @@ def _radius(x: Array, y: Array, z: Array) -> Array:
 
 def _paint_kidney(canvas: Canvas) -> None:
     """Gerota's fascia, capsule, cortex, pyramids, and the notch of the hilum."""
-    low, high = _CENTRE - (66, 36, 40), _CENTRE + (66, 36, 40)
+    reach = np.array([66, 36, 40])
+    low, high = _CENTRE - reach, _CENTRE + reach
 
     def gerota(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         off = (_radius(x, y, z) - 1) * 24
@@ -205,7 +208,7 @@ def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
         offset = [c - a for c, a in zip(_local(x, y, z), apex, strict=True)]
         height = sum(o * a for o, a in zip(offset, axis, strict=True))
         across = np.sqrt(np.maximum(sum(o * o for o in offset) - height**2, 0))
-        wide = np.minimum(2.0 + 0.40 * height, 5.6)
+        wide = np.minimum(2.4 + 0.45 * height, 5.8)
         return (height > 0) & (height < 17) & (across < wide) & ((1 - _radius(x, y, z)) * 23 > _CORTEX_MM)
 
     canvas.paint(_MEDULLA, middle - 20, middle + 20, inside, over=(_CORTEX,))
@@ -221,7 +224,8 @@ def _paint_sinus(canvas: Canvas) -> None:
         wobble = 1 + 0.07 * np.sin(5 * angle + 0.4) + 0.05 * np.sin(9 * angle + v / 3)
         return (u / 32) ** 2 + (v / 10.5) ** 2 + ((w - 2) / 8.5) ** 2 < wobble**2
 
-    canvas.paint(_SINUS, centre - (40, 14, 22), centre + (40, 14, 22), sinus, over=(_CORTEX, _MEDULLA))
+    reach = np.array([40, 14, 22])
+    canvas.paint(_SINUS, centre - reach, centre + reach, sinus, over=(_CORTEX, _MEDULLA))
     vessels = [((3, -9, 34), (5, -6, 16), (3.4, 2.6)), ((5, -6, 16), (17, -3, 7), (2.4, 1.5)),
                ((5, -6, 16), (-14, -2.5, 7.5), (2.4, 1.5)), ((-6, 6, 34), (-5, 5, 14), (3.0, 2.2))]  # fmt: skip
     for start, end, radii in vessels:
@@ -229,8 +233,8 @@ def _paint_sinus(canvas: Canvas) -> None:
         canvas.tube(_BLOOD, _world(start), _world(end), radii, over=(_WALL, _SINUS, _PERIRENAL))
     ducts = [
         ((0, 0, 24), (0, 0, 6), (4.5, 3.0)), ((0, 0, 8), (18, 0, 4), (2.4, 1.4)), ((0, 0, 8), (-25, 0, 3), (2.6, 1.4)),
-        ((0, 0, 6), (0, 0, -2), (1.8, 1.4)), ((-25, 0, 3), (-29, 0, 1), (1.5, 2.3)), ((0, 0, -2), (1, 0, -5), (1.4, 2.0)),
-        ((-13, 0, 5), (-12, 0, -4), (1.1, 1.9)),
+        ((0, 0, 6), (0, 0, -2), (1.8, 1.4)), ((-25, 0, 3), (-29, 0, 1), (1.5, 2.3)),
+        ((0, 0, -2), (1, 0, -5), (1.4, 2.0)), ((-13, 0, 5), (-12, 0, -4), (1.1, 1.9)),
         ((18, 0, 4), _CALYX, (1.6, 3.4)), (_CALYX, (26.0, 0.0, 3.5), (3.4, 4.4)),
     ]  # fmt: skip
     for start, end, radii in ducts:

@@ -142,7 +142,13 @@ def echo(
     r, line, elevation = probe.beam_coordinates(points).T
     sigma = probe.elevation_sigma(r)
     profile = np.exp(-0.5 * (elevation / sigma) ** 2) - CUT_WEIGHT
-    seen = (np.abs(elevation) < ELEVATION_CUT * sigma) & (r > 0) & (r < probe.depth_mm) & (line > -2) & (line < probe.lines + 1)
+    seen = (
+        (np.abs(elevation) < ELEVATION_CUT * sigma)
+        & (r > 0)
+        & (r < probe.depth_mm)
+        & (line > -2)
+        & (line < probe.lines + 1)
+    )
     no_shadow = np.stack([np.full(probe.lines, 2 * probe.depth_mm), np.ones(probe.lines)]).astype(np.float32)
     if not seen.any():
         return np.zeros((0, 4), np.float32), no_shadow
@@ -163,10 +169,14 @@ def echo(
     tip = 10 ** (model.tip_db(beta[-1]) / 20) * rms[-1] * profile[-1] * seen[-1]
     parts = [np.append(a[:, seen].ravel(), b) for a, b in ((lines, line[-1]), (later, r[-1]), (strength, tip))]
     echoes = np.column_stack([parts[0], parts[1] / optics.half_sample_mm, parts[2], np.zeros(len(parts[0]))])
-    return echoes.astype(np.float32), _shadow(model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow)
+    return echoes.astype(np.float32), _shadow(
+        model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow
+    )
 
 
-def _shadow(model: NeedleEcho, r: Array, line: Array, elevation: Array, sigma: Array, lines: int, none: NDArray[np.float32]) -> NDArray[np.float32]:
+def _shadow(
+    model: NeedleEcho, r: Array, line: Array, elevation: Array, sigma: Array, lines: int, none: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Where the shadow begins on each line, and the amplitude left, softened across lines."""
     from scipy.ndimage import gaussian_filter1d
 

@@ -53,10 +53,17 @@ class Optics:
         return np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
 
     @cached_property
+    def line_spacing(self) -> Array:
+        """(samples,) distance between beams; at the apex, where they meet, that at 2 mm."""
+        return self.probe.line_spacing(np.maximum(self.probe.ranges, 2.0 - self.probe.apex_mm))
+
+    @cached_property
     def lateral(self) -> Array:
         """(2 h + 1, samples) beam across lines."""
-        wanted = self.probe.lateral_sigma(self.probe.ranges) / np.maximum(self.probe.line_spacing(self.probe.ranges), 1e-3)
-        sigma = np.where(wanted < _WANTED[-1], np.interp(wanted, _WANTED, _TAPS), np.sqrt(np.maximum(wanted**2 - 1 / 6, 0.1)))
+        wanted = self.probe.lateral_sigma(self.probe.ranges) / self.line_spacing
+        sigma = np.where(
+            wanted < _WANTED[-1], np.interp(wanted, _WANTED, _TAPS), np.sqrt(np.maximum(wanted**2 - 1 / 6, 0.1))
+        )
         sigma = np.clip(sigma, 0.2, 12)  # a phased probe's lines meet at its apex
         half = int(np.ceil(_REACH * sigma.max()))
         return np.exp(-0.5 * (np.arange(-half, half + 1)[:, None] / sigma) ** 2)
@@ -70,7 +77,7 @@ class Optics:
         y = np.linspace(-ELEVATION_CUT, ELEVATION_CUT, 2001)
         profile = np.exp(-0.5 * y**2) - CUT_WEIGHT
         slice_ = np.trapezoid(profile**2, y) * probe.elevation_sigma(probe.ranges)
-        return along * probe.line_spacing(probe.ranges) * across * slice_
+        return along * self.line_spacing * across * slice_
 
     def density(self, range_mm: Array) -> Array:
         """Return scatterers per mm^3 at a range: so many per resolution cell."""
@@ -101,8 +108,9 @@ class Optics:
         """Return the core's plan of this probe and picture."""
         probe = self.probe
         geometry = (
-            1 / probe.line_step, self.cycles_per_mm, 1 / self.half_sample_mm, (probe.elevation_sigma(probe.elevation_focus_mm)) ** 2,
-            probe.elevation_spread**2, probe.elevation_focus_mm, ELEVATION_CUT**2, CUT_WEIGHT, probe.depth_mm, MARGIN_MM,
+            1 / probe.line_step, self.cycles_per_mm, 1 / self.half_sample_mm,
+            probe.elevation_sigma(probe.elevation_focus_mm) ** 2, probe.elevation_spread**2, probe.elevation_focus_mm,
+            ELEVATION_CUT**2, CUT_WEIGHT, probe.depth_mm, MARGIN_MM,
         )  # fmt: skip
         first, smoothing = self.shadow_smoothing()
         pixel, fraction = scan_table(probe, plane)
@@ -112,7 +120,9 @@ class Optics:
         )  # fmt: skip
 
 
-def picture_plane(probe: Probe, image_to_reference: Array, shape: tuple[int, int] | None, pixels: int = 512) -> ImagePlane:
+def picture_plane(
+    probe: Probe, image_to_reference: Array, shape: tuple[int, int] | None, pixels: int = 512
+) -> ImagePlane:
     """Return the pixels of a probe's picture: square, as many as the shape or the longer side allows."""
     left, right, top, bottom = probe.footprint
     width, height = right - left, bottom - top
@@ -121,11 +131,13 @@ def picture_plane(probe: Probe, image_to_reference: Array, shape: tuple[int, int
         shape = (round(height / spacing), round(width / spacing))
     spacing = max(height / shape[0], width / shape[1])
     corner = ((left + right - (shape[1] - 1) * spacing) / 2, (top + bottom - (shape[0] - 1) * spacing) / 2)
-    return ImagePlane(image_to_reference=image_to_reference, shape=shape, spacing_mm=(spacing, spacing), corner_mm=corner)
+    return ImagePlane(
+        image_to_reference=image_to_reference, shape=shape, spacing_mm=(spacing, spacing), corner_mm=corner
+    )
 
 
 def scan_table(probe: Probe, plane: ImagePlane) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return, for each pixel, the sample before it (-1 outside the fan) and the fractions to the next line and sample."""
+    """Return each pixel's sample (-1 outside the fan), and the fractions to the next line and sample."""
     rows, columns = plane.shape
     x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
     y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)

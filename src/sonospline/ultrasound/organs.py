@@ -47,7 +47,9 @@ def tissue_of(organ: str) -> str:
     for word, tissue in sorted(((w, t) for t, words in _KINDS.items() for w in words), key=lambda pair: -len(pair[0])):
         if word in organ.lower():
             return tissue
-    raise ValueError(f"organ {organ!r} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}")
+    raise ValueError(
+        f"organ {organ!r} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}"
+    )
 
 
 def read_organ_names(path: str | Path) -> dict[int, str]:
@@ -60,7 +62,9 @@ def read_organ_names(path: str | Path) -> dict[int, str]:
         raise ValueError(f"names = {str(path)!r} cannot be read ({error}); give a CSV of label, name") from None
 
 
-def scene_from_organs(labels: Volume, names: dict[int, str], *, ct: Volume | None = None, spacing_mm: float | None = 1.0) -> Scene:
+def scene_from_organs(
+    labels: Volume, names: dict[int, str], *, ct: Volume | None = None, spacing_mm: float | None = 1.0
+) -> Scene:
     """Return a scene from organ labels, finer than they are.
 
     Parameters

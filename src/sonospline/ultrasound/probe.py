@@ -109,35 +109,64 @@ class Probe:
             )
 
     @classmethod
-    def linear(cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: float) -> Probe:
+    def linear(
+        cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: float
+    ) -> Probe:
         """Return a small-parts probe: parallel beams."""
         return cls(kind="linear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, aperture_mm=aperture_mm, **settings)  # type: ignore[arg-type]
 
     @classmethod
     def curvilinear(
-        cls, *, frequency_mhz: float = 3.5, depth_mm: float = 120.0, radius_mm: float = 60.0, aperture_mm: float = 62.8,
+        cls,
+        *,
+        frequency_mhz: float = 3.5,
+        depth_mm: float = 120.0,
+        radius_mm: float = 60.0,
+        aperture_mm: float = 62.8,
         **settings: float,
     ) -> Probe:
         """Return an abdominal probe: a convex face, 60 degrees wide."""
         defaults: dict[str, float] = {
-            "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.0, "elevation_focus_mm": 65.0,
+            "f_number": 2.5,
+            "active_aperture_mm": 20.0,
+            "elevation_mm": 3.0,
+            "elevation_focus_mm": 65.0,
             "elevation_spread": 0.015,
         }
         return cls(
-            kind="curvilinear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, radius_mm=radius_mm,
-            aperture_mm=aperture_mm, **(defaults | settings),
+            kind="curvilinear",
+            frequency_mhz=frequency_mhz,
+            depth_mm=depth_mm,
+            radius_mm=radius_mm,
+            aperture_mm=aperture_mm,
+            **(defaults | settings),
         )  # type: ignore[arg-type]
 
     @classmethod
-    def phased(cls, *, frequency_mhz: float = 2.5, depth_mm: float = 140.0, sector_deg: float = 80.0, aperture_mm: float = 20.0, **settings: float) -> Probe:
+    def phased(
+        cls,
+        *,
+        frequency_mhz: float = 2.5,
+        depth_mm: float = 140.0,
+        sector_deg: float = 80.0,
+        aperture_mm: float = 20.0,
+        **settings: float,
+    ) -> Probe:
         """Return a cardiac probe: a sector from one point."""
         defaults: dict[str, float] = {
-            "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.5, "elevation_focus_mm": 70.0,
+            "f_number": 2.5,
+            "active_aperture_mm": 20.0,
+            "elevation_mm": 3.5,
+            "elevation_focus_mm": 70.0,
             "elevation_spread": 0.02,
         }
         return cls(
-            kind="phased", frequency_mhz=frequency_mhz, depth_mm=depth_mm, sector_deg=sector_deg,
-            aperture_mm=aperture_mm, **(defaults | settings),
+            kind="phased",
+            frequency_mhz=frequency_mhz,
+            depth_mm=depth_mm,
+            sector_deg=sector_deg,
+            aperture_mm=aperture_mm,
+            **(defaults | settings),
         )  # type: ignore[arg-type]
 
     @property

@@ -17,8 +17,8 @@ from .plane import ImagePlane
 
 logger = logging.getLogger(__name__)
 
-TOLERANCE = 1e-3
-"""How well the inverse map is found, in units of the voxel."""
+TOLERANCE = 0.01
+"""Last change of the inverse map, in units of the voxel; what is left is a tenth of it."""
 _MOST_ITERATIONS = 30
 
 
@@ -105,8 +105,15 @@ class Reslicer:
         index = np.column_stack([to_index @ grid.direction, to_index @ (grid.origin - lattice.origin)])
         tolerance = TOLERANCE * min(lattice.spacing)
         grey, mask = _core.active.reslice(
-            grid_field.along_axes, grid.spacing, np.ascontiguousarray(pixel), self._voxels, self._seen,
-            np.ascontiguousarray(index), plane.shape, tolerance, _MOST_ITERATIONS,
+            grid_field.along_axes,
+            grid.spacing,
+            np.ascontiguousarray(pixel),
+            self._voxels,
+            self._seen,
+            np.ascontiguousarray(index),
+            plane.shape,
+            tolerance,
+            _MOST_ITERATIONS,
         )
         seen = mask.view(np.bool_)
         if not seen.any():

@@ -130,7 +130,9 @@ def _bricks(scene: Scene, optics: Optics, transform: Array, margin_mm: float, si
         return np.zeros((0, 3), np.int64)
     found = []
     for i in range(low[0], high[0]):  # a layer at a time: an oblique slice fills little of its box
-        layer = np.stack(np.meshgrid([i], np.arange(low[1], high[1]), np.arange(low[2], high[2]), indexing="ij"), axis=-1)
+        layer = np.stack(
+            np.meshgrid([i], np.arange(low[1], high[1]), np.arange(low[2], high[2]), indexing="ij"), axis=-1
+        )
         layer = layer.reshape(-1, 3)
         centres = pose.to_image(transform, scene.labels.lattice.world((layer + 0.5) * side))
         found.append(layer[_heard(centres, optics, margin_mm, side)])
@@ -177,14 +179,33 @@ def _periodic(volume: NDArray[np.float32], index: Array) -> Array:
 @lru_cache(maxsize=1)
 def _patterns() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Places in a unit brick (patterns, n, 3), in an order whose every prefix is even, and signs (patterns, n)."""
-    from scipy.stats import qmc
-
     random = np.random.default_rng(11)
-    bits = 24
-    whole = (qmc.Sobol(3, scramble=False, bits=bits).random_base2(int(np.log2(_LONGEST))) * 2**bits).astype(np.uint32)
-    shifts = random.integers(0, 2**bits, (_PATTERNS, 1, 3), dtype=np.uint32)
-    places = ((whole ^ shifts) + 0.5) / 2**bits
+    shifts = random.integers(0, 2**_SOBOL_BITS, (_PATTERNS, 1, 3), dtype=np.uint32)
+    places = ((_sobol(_LONGEST) ^ shifts) + 0.5) / 2**_SOBOL_BITS
     return places.astype(np.float32), random.choice(np.array([-1, 1], np.float32), (_PATTERNS, _LONGEST))
+
+
+_SOBOL_BITS = 24
+
+
+def _sobol(count: int) -> NDArray[np.uint32]:
+    """The first points of the 3-D Sobol sequence as integers (count, 3), by the direction numbers of Joe and Kuo."""
+    # SciPy has it in scipy.stats.qmc, whose import takes seconds
+    points = np.zeros((count, 3), np.uint32)
+    for axis, (start, coefficients) in enumerate((((1,), None), ((1,), ()), ((1, 3), (1,)))):
+        directions = [m << (_SOBOL_BITS - 1 - k) for k, m in enumerate(start)]
+        while len(directions) < _SOBOL_BITS:
+            if coefficients is None:  # van der Corput's sequence
+                directions.append(directions[-1] >> 1)
+                continue
+            degree = len(start)
+            value = directions[-degree] ^ (directions[-degree] >> degree)
+            for k, coefficient in enumerate(coefficients, start=1):
+                value ^= coefficient * directions[-k]
+            directions.append(value)
+        for bit, direction in enumerate(directions[: count.bit_length()]):
+            points[:, axis] ^= np.where(np.arange(count) >> bit & 1, direction, 0).astype(np.uint32)
+    return points
 
 
 def _hash(bricks: NDArray[np.int64], seed: int) -> Words:

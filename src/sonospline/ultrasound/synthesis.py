@@ -26,8 +26,6 @@ from .scene import Scene
 
 logger = logging.getLogger(__name__)
 
-MARGIN_MM = 3.0
-"""Displacement allowed for when scatterers are chosen; a larger one chooses anew."""
 _NOISE_TILES = 4
 
 
@@ -101,6 +99,8 @@ class Ultrasound:
         Rows and columns of the picture; by default 512 along its longer side.
     seed : int, default: 0
         Of scatterers and noise: the same seed gives the same bits on one machine.
+    margin_mm : float, default: 3
+        Displacement allowed for when scatterers are chosen; a larger one chooses anew, which takes a moment.
 
     Raises
     ------
@@ -128,6 +128,7 @@ class Ultrasound:
         needle_echo: NeedleEcho | None = None,
         picture_shape: tuple[int, int] | None = None,
         seed: int = 0,
+        margin_mm: float = 3.0,
     ) -> None:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene = {type(scene).__name__} is not a Scene; make one from a label map")
@@ -140,7 +141,7 @@ class Ultrasound:
         self.seed = _validate.count("seed", seed, least=0)
         self.plane = picture_plane(probe, self.image_to_reference, picture_shape)
         self._plan = self.optics.plan(self.plane)
-        self._margin_mm = MARGIN_MM
+        self._margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
         self._grid: Grid | None = None
 
     def moved(self, image_to_reference: ArrayLike) -> Ultrasound:
@@ -148,7 +149,7 @@ class Ultrasound:
         rows_columns = self.plane.shape
         return Ultrasound(
             self.scene, self.probe, image_to_reference, display=self.display, needle_echo=self.needle_echo,
-            picture_shape=rows_columns, seed=self.seed,
+            picture_shape=rows_columns, seed=self.seed, margin_mm=self._margin_mm,
         )  # fmt: skip
 
     def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
@@ -196,8 +197,8 @@ class Ultrasound:
 
     def _aim(self, grid: Grid, largest_mm: float) -> None:
         """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
-        while self._margin_mm < largest_mm:
-            self._margin_mm *= 1.5
+        if largest_mm > self._margin_mm:
+            self._margin_mm = 1.5 * largest_mm
         scatterers = self._scatterers(self._margin_mm)
         if not len(scatterers.points):
             logger.warning("the probe sees nothing: its plane misses the scene, or all of it is fluid")

@@ -1,0 +1,171 @@
+"""Makes the pictures of the ultrasound page.
+
+    python docs/make_ultrasound_gallery.py [--data ../shared/data]
+
+Pictures made from real data need the folder of real data; without it they are left as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import sonospline as ss
+from sonospline._canvas import blank
+from sonospline.io.volumes import read_volume
+from sonospline.ultrasound import (
+    Display,
+    Frame,
+    ImagePlane,
+    NodeSlice,
+    PlaneSlice,
+    Probe,
+    Reslicer,
+    Scene,
+    Ultrasound,
+    facing,
+    kidney_phantom,
+    swept,
+)
+from sonospline.ultrasound.organs import read_organ_names, scene_from_organs
+
+IMAGES = Path(__file__).parent / "images"
+
+
+def pair(before: Frame, after: Frame, name: str, needle: ss.Needle | None = None) -> None:
+    """Two frames side by side."""
+    rows, columns = before.pixels.shape
+    figure = blank(13, 0.6 + 6.3 * rows / columns)
+    for panel, frame, title in zip(figure.subplots(1, 2), (before, after), ("before", "after"), strict=True):
+        frame.plot(panel, vmin=0, vmax=255, needle=needle if title == "after" else None)
+        panel.set_title(title)
+        left, right, bottom, top = frame.plane.extent
+        panel.set_xlim(left, right)
+        panel.set_ylim(bottom, top)
+    figure.savefig(IMAGES / name, dpi=85)
+
+
+def kidney() -> None:
+    """The kidney phantom under both probes, before and after the needle."""
+    phantom = kidney_phantom()
+    insertion = ss.Insertion(ss.Tissue(phantom.grid(), entry_face="z-"))
+    scanner = Ultrasound(phantom.scene, Probe.curvilinear(), phantom.probe_pose)
+    field = ss.GridField.of(insertion.advance(phantom.needle))
+    pair(scanner.render().frame, scanner.render(field, phantom.needle).frame, "ultrasound_kidney_curvilinear.png")
+
+    unpressed = kidney_phantom(pressed=False)
+    probe = Probe.linear(depth_mm=48, aperture_mm=50)
+    linear = Ultrasound(unpressed.scene, probe, facing((112, 50, 0.6), depth=(0, 0, 1), right=(1, 0, 0)))
+    shallow = ss.Needle((150, 50, 1), (100, 50, 27))
+    field = ss.GridField.of(insertion.advance(shallow))
+    pair(linear.render().frame, linear.render(field, shallow).frame, "ultrasound_flank_linear.png")
+
+
+def slices() -> None:
+    """The paper's slice and the continuous one."""
+    field = ss.Insertion(ss.Tissue(ss.Grid.unit_cube(25))).advance(needle := ss.Needle((0, 0.5, 0.5), (0.6, 0.5, 0.5)))
+    plane = ImagePlane.crossing(field.grid, normal=(0, 0, 1), through=(0.5, 0.5, 0.5))
+    figure = blank(12, 5)
+    left, right = figure.subplots(1, 2)
+    NodeSlice.of(field, at=0.5).plot(left, needle=needle)
+    PlaneSlice.of(field, plane).plot(right, needle=needle, lines_mm=0.05)
+    figure.savefig(IMAGES / "ultrasound_slices.png", dpi=85)
+
+
+def abdomen(data: Path) -> None:
+    """A scene from labelled CT: the right kidney through the liver's edge, from the flank."""
+    labels, ct = read_volume(data / "abdomen_labels.nii.gz"), read_volume(data / "abdomen_ct.nii.gz")
+    scene = scene_from_organs(labels, read_organ_names(data / "abdomen_labels.csv"), ct=ct)
+    kidney_middle = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]
+    look = np.array([-0.8, -0.6, 0.0])
+    skin = kidney_middle.copy()
+    while scene.labels.lattice.contains((skin - 2 * look)[None]).all():
+        index = np.rint(scene.labels.lattice.local(skin[None])[0] / scene.labels.lattice.spacing).astype(int)
+        if scene.bytes[tuple(index)] == 0:
+            break
+        skin = skin - look
+    pose = facing(skin + 3 * look, depth=look, right=(0, 0, 1))
+    scanner = Ultrasound(scene, Probe.curvilinear(depth_mm=130), pose)
+    lattice = scene.labels.lattice
+    grid = ss.Grid.covering(lattice.extent, nodes=150_000, origin=lattice.origin)
+    needle = ss.Needle(skin + 6 * look + np.array([0, 0, 28.0]), kidney_middle)
+    insertion = ss.Insertion(
+        ss.Tissue(grid, entry_face=grid.nearest_face(needle.entry)), ss.NeedleTissueModel.paper(60.0)
+    )
+    field = ss.GridField.of(insertion.advance(needle))
+    pair(scanner.render().frame, scanner.render(field, needle).frame, "ultrasound_abdomen.png")
+
+
+def sweep(data: Path) -> None:
+    """A real tracked sweep, cut along a plane while a needle moves, and what it never saw."""
+    volume = read_volume(data / "spine_phantom_us.mha")
+    grid = volume.grid(150_000)
+    entry, tip = grid.world(np.array([[36.0, 0, 25], [36, 34, 25]]))
+    field = ss.GridField.of(ss.Insertion(ss.Tissue(grid, entry_face="y-")).advance(needle := ss.Needle(entry, tip)))
+    plane = ImagePlane.crossing(grid, normal=grid.direction[:, 2], through=tip, right=grid.direction[:, 0])
+    reslicer = Reslicer(volume, seen=swept(volume))
+    pair(reslicer.cut(plane), reslicer.cut(plane, field), "ultrasound_sweep.png", needle)
+
+
+def liver(data: Path) -> None:
+    """Real liver beside a synthetic one: the same display law, divided by the local mean."""
+    from scipy.ndimage import gaussian_filter
+
+    image = read_volume(data / "liver_speckle.mha")
+    order = np.argsort(image.voxels.shape)  # frames, lines, samples
+    frames = np.transpose(image.voxels, order).astype(float)
+    spacing = np.array(image.lattice.spacing)[order]
+    real = frames[len(frames) // 2].T
+    probe = Probe.linear(frequency_mhz=7.5, f_number=2.3, lines=real.shape[1], samples=512,
+                         depth_mm=float(spacing[2] * 512), aperture_mm=float(spacing[1] * (real.shape[1] - 1)))  # fmt: skip
+    scene = Scene.uniform("liver", size_mm=(60, 20, 40))
+    pose = facing((30, 10, 2), depth=(0, 0, 1), right=(1, 0, 0))
+    rendered = Ultrasound(scene, probe, pose, display=Display(noise_db=-150)).render()
+    gain = 10 ** (2 * 0.5 * probe.frequency_mhz * probe.ranges / 10 / 20)
+    envelope = (rendered.envelope * gain).T
+    synthetic = np.log1p(envelope / (5 * envelope.mean()))
+    size = (2.0 / spacing[2], 2.0 / spacing[1])
+    figure = blank(11, 4.6)
+    panels = figure.subplots(1, 3)
+    extent = (0, real.shape[1] * spacing[1], real.shape[0] * spacing[2], 0)
+    for panel, grey, title in zip(panels, (real, synthetic), ("real liver", "synthetic liver"), strict=False):
+        local = gaussian_filter(grey, size)
+        flat = (grey / np.maximum(local, 1e-3))[130:380, 8:-8]  # the middle: neither saturated nor cut to black
+        panel.imshow(grey / np.maximum(local, 0.05 * local.max()), cmap="gray", vmin=0, vmax=2.2, extent=extent)
+        panel.set(title=f"{title}, over its local mean", xlabel="mm", ylabel="mm")
+        skew = float(np.mean((flat - flat.mean()) ** 3) / flat.std() ** 3)
+        widths = [_width(flat, axis) * spacing[2 - axis] for axis in (0, 1)]
+        label = (
+            f"{title}: SNR {flat.mean() / flat.std():.2f}, skewness {skew:.2f}, {widths[0]:.2f} x {widths[1]:.2f} mm"
+        )
+        panels[2].hist(flat.ravel(), bins=80, range=(0, 3), density=True, histtype="step", label=label)
+        print(label)
+    panels[2].set(title="grey over local mean", xlabel="ratio")
+    panels[2].legend(fontsize=6)
+    figure.savefig(IMAGES / "ultrasound_liver.png", dpi=85)
+
+
+def _width(grey: np.ndarray, axis: int) -> float:
+    """Full width at half maximum of the autocovariance along an axis, in samples."""
+    grey = np.moveaxis(grey - grey.mean(), axis, 0)
+    lags = np.array([np.mean(grey[: len(grey) - k] * grey[k:]) for k in range(30)])
+    lags /= lags[0]
+    below = int(np.flatnonzero(lags < 0.5)[0])
+    return 2 * (below - 1 + (lags[below - 1] - 0.5) / (lags[below - 1] - lags[below]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=Path(__file__).parents[2] / "shared" / "data")
+    data = parser.parse_args().data
+    slices()
+    kidney()
+    if data.is_dir():
+        for picture in (abdomen, sweep, liver):
+            picture(data)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Series of frames: a sequence file that keeps their geometry, and a moving picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .._extras import require
+from .frame import Frame, as_bytes
+
+
+def write_sequence(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 50.0) -> None:
+    """Write frames of one shape as a sequence MetaImage (``.igs.mha``, as Plus and 3D Slicer read it).
+
+    Every frame carries its ``ImageToReferenceTransform`` from pixels to LPS mm, and its time.
+    """
+    from ..io.volumes import RAS_TO_LPS
+
+    if not frames:
+        raise ValueError("frames is empty; give at least one frame")
+    if len({frame.pixels.shape for frame in frames}) > 1:
+        raise ValueError("frames differ in shape; a sequence needs one shape")
+    stack = np.stack([as_bytes(frame.pixels) for frame in frames])
+    lines = [
+        "ObjectType = Image", "NDims = 3", "BinaryData = True", "BinaryDataByteOrderMSB = False",
+        f"DimSize = {stack.shape[2]} {stack.shape[1]} {stack.shape[0]}",
+        f"ElementSpacing = {frames[0].plane.spacing_mm[0]:.9g} {frames[0].plane.spacing_mm[1]:.9g} 1",
+        "Offset = 0 0 0", "ElementType = MET_UCHAR", "UltrasoundImageOrientation = MF",
+        "UltrasoundImageType = BRIGHTNESS",
+    ]  # fmt: skip
+    for number, frame in enumerate(frames):
+        across, down, corner = (RAS_TO_LPS @ frame.plane.affine).T
+        normal = RAS_TO_LPS @ frame.plane.image_to_reference[:3, 2]
+        matrix = np.vstack([np.column_stack([across, down, normal, corner]), (0, 0, 0, 1)])
+        name = f"Seq_Frame{number:04d}"
+        lines += [
+            f"{name}_ImageToReferenceTransform = {' '.join(f'{x:.9g}' for x in matrix.ravel())}",
+            f"{name}_ImageToReferenceTransformStatus = OK",
+            f"{name}_Timestamp = {number * frame_ms / 1000:.6g}",
+            f"{name}_ImageStatus = OK",
+        ]
+    lines.append("ElementDataFile = LOCAL")
+    Path(path).write_bytes(("\n".join(lines) + "\n").encode() + stack.tobytes())
+
+
+def write_gif(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 100.0) -> None:
+    """Write frames as an endless GIF. Needs Pillow, which the extra ``plot`` brings."""
+    if not frames:
+        raise ValueError("frames is empty; give at least one frame")
+    image = require("PIL.Image")
+    pictures = [image.fromarray(as_bytes(frame.pixels)) for frame in frames]
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=frame_ms, loop=0, format="GIF")

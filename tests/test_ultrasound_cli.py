@@ -1,0 +1,65 @@
+"""``sonospline image``: what it writes, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sonospline.cli import main
+from sonospline.io.volumes import write_volume
+from sonospline.phantom import layered_block
+
+pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
+QUICK = ["--voxel", "2", "--nodes", "4000", "--quiet", "--json"]
+
+
+def image(capsys, *arguments):
+    assert main(["image", *map(str, arguments)]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_kidney_before_and_after(tmp_path, capsys):
+    report = image(capsys, "--out", tmp_path / "out", "--cine", 2, *QUICK)
+    written = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert (
+        written
+        == ["after.png", "before.png", "cine.gif", "cine.igs.mha", "image.mha", "summary.json"]
+        == report["files"]
+    )
+    assert 0.5 < report["max_displacement_mm"] < 5
+    assert report["picture"][1] == 512
+
+
+def test_another_probe_at_another_place(tmp_path, capsys):
+    report = image(
+        capsys, "--probe", "linear", "--depth", 45, "--origin", "110,50,0.5", "--out", tmp_path / "out", *QUICK
+    )
+    assert np.allclose(np.array(report["image_to_reference"])[:3, 3], [110, 50, 0.5])
+
+
+def test_a_real_volume_is_cut_through_the_needle(tmp_path, capsys):
+    write_volume(layered_block(), tmp_path / "block.mha")
+    where = ["--entry", "0,30,42", "--target", "62,44,42"]
+    report = image(capsys, "--volume", tmp_path / "block.mha", *where, "--out", tmp_path / "out", *QUICK)
+    assert report["seen_share"] > 0.5
+    assert {"after.png", "before.png", "image.mha"} <= set(report["files"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--origin", "1,2"], "--origin '1,2' is not a point"),
+        (["--look", "1,0,0", "--origin", "0,0,0"], "parallel to depth"),
+        (["--depth", "0"], "depth_mm = 0"),
+        (["--entry", "1,2,3"], "--target is missing"),
+        (["--volume", "none.mha"], "does not exist"),
+        (["--labels", "none.nrrd", "--volume", "none.mha"], "both given"),
+        (["--cine", "-1"], "--cine = -1"),
+    ],
+)
+def test_what_it_cannot_image_is_said_in_one_line(arguments, message, tmp_path, capsys):
+    assert main(["image", *arguments, "--out", str(tmp_path / "out"), *QUICK]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
