@@ -91,9 +91,8 @@ def abdomen(data: Path) -> None:
     lattice = scene.labels.lattice
     grid = ss.Grid.covering(lattice.extent, nodes=150_000, origin=lattice.origin)
     needle = ss.Needle(skin + 6 * look + np.array([0, 0, 28.0]), kidney_middle)
-    insertion = ss.Insertion(
-        ss.Tissue(grid, entry_face=grid.nearest_face(needle.entry)), ss.NeedleTissueModel.paper(60.0)
-    )
+    tissue = ss.Tissue(grid, entry_face=grid.nearest_face(needle.entry))
+    insertion = ss.Insertion(tissue, ss.NeedleTissueModel.paper(60.0))
     field = ss.GridField.of(insertion.advance(needle))
     pair(scanner.render().frame, scanner.render(field, needle).frame, "ultrasound_abdomen.png")
 
@@ -118,8 +117,10 @@ def liver(data: Path) -> None:
     frames = np.transpose(image.voxels, order).astype(float)
     spacing = np.array(image.lattice.spacing)[order]
     real = frames[len(frames) // 2].T
-    probe = Probe.linear(frequency_mhz=7.5, f_number=2.3, lines=real.shape[1], samples=512,
-                         depth_mm=float(spacing[2] * 512), aperture_mm=float(spacing[1] * (real.shape[1] - 1)))  # fmt: skip
+    width, depth = float(spacing[1] * (real.shape[1] - 1)), float(spacing[2] * 512)
+    probe = Probe.linear(
+        frequency_mhz=7.5, f_number=2.3, lines=real.shape[1], samples=512, depth_mm=depth, aperture_mm=width
+    )
     scene = Scene.uniform("liver", size_mm=(60, 20, 40))
     pose = facing((30, 10, 2), depth=(0, 0, 1), right=(1, 0, 0))
     rendered = Ultrasound(scene, probe, pose, display=Display(noise_db=-150)).render()

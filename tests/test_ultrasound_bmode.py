@@ -10,7 +10,6 @@ from scipy.signal import fftconvolve
 import sonospline as ss
 from sonospline import _core
 from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound, facing
-from sonospline.ultrasound.optics import ELEVATION_CUT
 
 LINEAR = Probe.linear(depth_mm=40, lines=128, aperture_mm=25.4)
 CURVED = Probe.curvilinear(depth_mm=100, lines=128, aperture_mm=42)
@@ -85,19 +84,14 @@ def test_autocovariance_widths_follow_pulse_and_beam(probe):
         intensity = speckle(liver_scanner(probe, seed).render())[:, window] ** 2
         intensity -= intensity.mean()
         axial.append([np.mean(intensity[:, : 160 - k] * intensity[:, k:]) for k in range(40)])
-        lateral.append([np.mean(intensity[: len(intensity) - k] * intensity[k:]) for k in range(12)])
+        lateral.append([np.mean(intensity[: len(intensity) - k] * intensity[k:]) for k in range(3)])
     middle = probe.sample_mm * (80 + 520)
     wanted_axial, wanted_lateral = 2.3548 * probe.axial_sigma, float(probe.lateral_fwhm(middle))
     assert half_width(np.mean(axial, axis=0), probe.sample_mm) == pytest.approx(wanted_axial, rel=0.1)
-    spacing = float(probe.line_spacing(middle))
-    assert half_width(_finer(np.mean(lateral, axis=0)), spacing / 16) == pytest.approx(wanted_lateral, rel=0.1)
-
-
-def _finer(covariance, times=16):
-    """A Gaussian-like covariance between its lags: parabolas through its logarithm, near its peak."""
-    lags = np.arange(4)
-    curve = np.polynomial.Polynomial.fit(lags**2, np.log(np.maximum(covariance[:4], 1e-3 * covariance[0])), 2)
-    return np.exp(curve((np.arange(4 * times) / times) ** 2))
+    # Lines are half a beam apart: the width of the Gaussian follows from its first lag.
+    covariance = np.mean(lateral, axis=0)
+    found = 2.3548 * float(probe.line_spacing(middle)) / np.sqrt(2 * np.log(covariance[0] / covariance[1]))
+    assert found == pytest.approx(wanted_lateral, rel=0.1)
 
 
 def shifted(scanner, displacement):
@@ -233,15 +227,18 @@ def test_bone_and_gas_cast_a_black_shadow_under_a_bright_surface(name):
 
 def test_a_tilted_surface_is_darker_than_a_square_one():
     probe = Probe.linear(depth_mm=50, lines=64, aperture_mm=25)
+    silent = AcousticTissue(name="oil", speed_m_s=1400, density_kg_m3=900, attenuation_db_cm_mhz=0, backscatter_db=-200)
+    layers = two_layers("fat")
+    fluids = Scene(layers.labels, {0: "gel", 1: silent})
     glint = []
     for degrees in (0, 30):
         tilt = np.radians(degrees)
         depth = (np.sin(tilt), 0, np.cos(tilt))
         start = np.array([30, 15, 24]) - 22 * np.array(depth)
-        image = Ultrasound(two_layers("fat"), probe, facing(start, depth=depth, right=(1, 0, 0))).render()
+        image = Ultrasound(fluids, probe, facing(start, depth=depth, right=(1, 0, 0))).render()
         middle = image.envelope[28:36, 430:475]
         glint.append(20 * np.log10(middle.max()))
-    assert glint[0] > glint[1] + 6
+    assert glint[0] > glint[1] + 12
 
 
 def test_the_knobs_do_what_they_say():
@@ -306,10 +303,6 @@ def test_every_instruction_set_agrees_with_the_twin(probe, monkeypatch):
             assert np.abs(found.frame.pixels.astype(int) - expected.frame.pixels).max() <= 2
     finally:
         _core.native.use_instruction_set(used)
-
-
-def test_scatterers_near_the_cut_fade_smoothly():
-    assert 2.5 < ELEVATION_CUT < 3
 
 
 # --- rendering never stops a simulation; what is wrong is said at the border ---

@@ -32,6 +32,10 @@ class Region:
         """Its rows and columns."""
         return slice(self.top, self.bottom + 1), slice(self.left, self.right + 1)
 
+    def fits(self, rows: int, columns: int) -> bool:
+        """Return whether it lies in a frame, to a pixel; if not, the frame was cropped or resized after calibration."""
+        return 0 <= self.left < self.right <= columns and 0 <= self.top < self.bottom <= rows
+
 
 @dataclass(frozen=True, eq=False)
 class Clip:
@@ -51,26 +55,37 @@ class Clip:
         region: int = 0,
         spacing_mm: float | tuple[float, float] | None = None,
     ) -> Frame:
-        """Return one frame's region on a plane.
+        """Return one frame's region on a plane; the whole frame where ``spacing_mm`` stands in for its calibration.
 
         Raises
         ------
         ValueError
-            No such frame or region, or a file without calibration where ``spacing_mm`` is not given.
+            No such frame or region; or, where ``spacing_mm`` is not given, a file without calibration or one
+            whose region does not fit its frame.
         """
         if not 0 <= _validate.count("index", index, least=0) < len(self.frames):
             raise ValueError(
                 f"index = {index} is beyond the {len(self.frames)} frames; give 0 to {len(self.frames) - 1}"
             )
         pixels = self.frames[index]
-        if self.regions:
-            if not 0 <= region < len(self.regions):
-                raise ValueError(f"region = {region} is not there; give 0 to {len(self.regions) - 1}")
-            pixels = pixels[self.regions[region].window]
-            spacing_mm = self.regions[region].spacing_mm if spacing_mm is None else spacing_mm
         if spacing_mm is None:
-            raise ValueError("the file has no calibrated region; give spacing_mm, the size of a pixel in mm")
+            chosen = self._calibrated(region)
+            pixels, spacing_mm = pixels[chosen.window], chosen.spacing_mm
         return Frame.placed(pixels, spacing_mm=spacing_mm, image_to_reference=image_to_reference)
+
+    def _calibrated(self, number: int) -> Region:
+        if not self.regions:
+            raise ValueError("the file has no calibrated region; give spacing_mm, the size of a pixel in mm")
+        if not 0 <= number < len(self.regions):
+            raise ValueError(f"region = {number} is not there; give 0 to {len(self.regions) - 1}")
+        region, (rows, columns) = self.regions[number], self.frames.shape[1:]
+        if not region.fits(rows, columns):
+            raise ValueError(
+                f"region {number} (columns {region.left} to {region.right}, rows {region.top} to {region.bottom}) does not "
+                f"fit the {columns} x {rows} frame, which was cropped or resized after calibration; give spacing_mm "
+                f"({region.spacing_mm[0]:.4g} if it was cropped)"
+            )
+        return region
 
 
 def read_dicom(path: str | Path) -> Clip:

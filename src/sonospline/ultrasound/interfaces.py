@@ -19,6 +19,7 @@ _SMALLEST_STEP = 0.004
 _LARGEST_STEP = 0.5
 """Bone and gas reflect more; beyond this, brightness says nothing new."""
 _BORDER = 6
+POINTS_PER_MM2 = 6.0
 
 
 class Interfaces(NamedTuple):
@@ -37,7 +38,7 @@ class Interfaces(NamedTuple):
 def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, window: Window) -> Interfaces:
     """Return points on the surfaces of a label map within a window of voxels.
 
-    One point per voxel face between labels of different impedance, off its middle by a hash of its place,
+    Some points per voxel face between labels of different impedance, off its middle by a hash of their place,
     then moved along the normal onto the step of the smoothed impedance: voxel faces themselves would
     ring like stairs.
     """
@@ -49,9 +50,10 @@ def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, 
     )
     part = labels[wider]
     smooth = gaussian_filter(impedance.astype(np.float32)[part], _SMOOTHING_VOXELS * spacing.min() / spacing)
-    found = [_faces(part, smooth, impedance, spacing, axis) for axis in range(3)]
+    start = np.array([w.start for w in wider])
+    found = [_faces(part, smooth, impedance, spacing, axis, start) for axis in range(3)]
     points, normals, reflection, area = (np.concatenate(kind) for kind in zip(*found, strict=True))
-    index = points / spacing + [w.start for w in wider]
+    index = points / spacing + start
     kept = np.logical_and.reduce([(index[:, a] >= w.start) & (index[:, a] < w.stop) for a, w in enumerate(window)])
     return Interfaces(
         lattice.world(index[kept] * spacing).astype(np.float32),
@@ -61,14 +63,18 @@ def find_interfaces(labels: NDArray[np.uint8], lattice: Grid, impedance: Array, 
     )
 
 
-def _faces(labels: NDArray[np.uint8], smooth: Floats, impedance: Array, spacing: Array, axis: int) -> tuple[Array, ...]:
+def _faces(
+    labels: NDArray[np.uint8], smooth: Floats, impedance: Array, spacing: Array, axis: int, place: NDArray[np.int64]
+) -> tuple[Array, ...]:
     """Points (mm from the window's first voxel), normals, reflection and area of the faces across one axis."""
     low, high = (labels[tuple(s if a == axis else slice(None) for a in range(3))] for s in (slice(-1), slice(1, None)))
     index = np.argwhere(low != high)
     z1, z2 = impedance[low[tuple(index.T)]], impedance[high[tuple(index.T)]]
     step = np.abs(z2 - z1) / (z2 + z1)
     kept = step > _SMALLEST_STEP
-    index, step, middle = index[kept], step[kept], ((z1 + z2) / 2)[kept]
+    face = np.prod(spacing) / spacing[axis]
+    copies = max(1, round(POINTS_PER_MM2 * face))
+    index, step, middle = (np.repeat(a[kept], copies, axis=0) for a in (index, step, (z1 + z2) / 2))
     beside = index.copy()
     beside[:, axis] += 1
     before, after = smooth[tuple(index.T)], smooth[tuple(beside.T)]
@@ -87,7 +93,12 @@ def _faces(labels: NDArray[np.uint8], smooth: Floats, impedance: Array, spacing:
     slope = np.linalg.norm(gradient, axis=1) + 1e-12
     normal = gradient / slope[:, None]
     shift = np.clip((middle - (before + after) / 2) / slope, -spacing.min(), spacing.min())
-    key = np.ravel_multi_index(tuple(index.T), labels.shape).astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    number = (place + index).astype(np.uint64) @ np.array([1 << 28, 1 << 14, 1], np.uint64)
+    number = (number * np.uint64(3) + np.uint64(axis)) * np.uint64(64) + np.tile(
+        np.arange(copies), len(index) // copies
+    ).astype(np.uint64)
+    key = number * np.uint64(0x9E3779B97F4A7C15)
+    key = (key ^ (key >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
     offset = np.stack([(key >> np.uint64(8 + 16 * a)) & np.uint64(0xFFFF) for a in range(3)], axis=1) / 65536.0 - 0.5
     offset[:, axis] = 0.5
     tangent = offset * spacing
@@ -95,5 +106,5 @@ def _faces(labels: NDArray[np.uint8], smooth: Floats, impedance: Array, spacing:
     tangent -= (tangent * normal).sum(axis=1, keepdims=True) * normal
     points = index * spacing + shift[:, None] * normal + tangent
     points[:, axis] += 0.5 * spacing[axis]
-    area = np.prod(spacing) / spacing[axis] * np.abs(normal[:, axis])
+    area = face / copies * np.abs(normal[:, axis])
     return points, normal, np.minimum(step, _LARGEST_STEP), area

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from . import pose
 from .acoustics import NO_ECHO
+from .interfaces import POINTS_PER_MM2
 from .optics import ELEVATION_CUT, Optics
 from .scene import Scene
 
@@ -27,7 +28,6 @@ _LONGEST = 512
 _PER_BRICK = 48
 """Scatterers in a brick where they are densest."""
 _INTERFACE_GAIN = 6.5
-_INTERFACE_PER_MM2 = 6.0
 _INTERFACE_WIDTH = 7.0
 """Interface echo over speckle: R g exp(-7 sin^2 theta) for each of six points a mm^2."""
 
@@ -83,7 +83,7 @@ def interface_scatterers(scene: Scene, optics: Optics, transform: Array, margin_
     square = 1 - (normal * beam).sum(axis=1) ** 2
     r = optics.probe.beam_coordinates(seen[kept])[:, 0]
     strength = _INTERFACE_GAIN * interfaces.reflection[kept] * np.exp(-_INTERFACE_WIDTH * square)
-    strength *= interfaces.area[kept] * _INTERFACE_PER_MM2 * np.sqrt(optics.power_at(r))
+    strength *= interfaces.area[kept] * POINTS_PER_MM2 * np.sqrt(optics.power_at(r))
     audible = strength > 0.02 * np.sqrt(optics.power_at(r))
     return Scatterers(interfaces.points[kept][audible].astype(np.float64), strength[audible])
 
