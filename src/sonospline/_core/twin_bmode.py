@@ -203,7 +203,7 @@ class BmodePlan:
                 db += np.minimum(_MOST_LOSS_DB, -20 * np.log10(4 * z1 * z2 / (z1 + z2) ** 2))
             last = label
             db += self.loss_db[label]
-            left[:, n] = 10 ** (-db / 20)
+            left[:, n] = 10 ** ((0.5 * self.loss_db[label] - db) / 20)  # to the sample's middle
         return left
 
     def _picture(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:

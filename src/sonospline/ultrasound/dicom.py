@@ -81,7 +81,7 @@ class Clip:
         region, (rows, columns) = self.regions[number], self.frames.shape[1:]
         if not region.fits(rows, columns):
             raise ValueError(
-                f"region {number} (columns {region.left} to {region.right}, rows {region.top} to {region.bottom}) does not "
+                f"region {number} (columns {region.left}-{region.right}, rows {region.top}-{region.bottom}) does not "
                 f"fit the {columns} x {rows} frame, which was cropped or resized after calibration; give spacing_mm "
                 f"({region.spacing_mm[0]:.4g} if it was cropped)"
             )

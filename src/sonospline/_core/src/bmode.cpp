@@ -99,7 +99,7 @@ void BmodeRenderer::trace(const Aim &aim, const FrameInput &in, int ray) {
         }
         last = label;
         db += aim.loss_db[label];
-        left[n] = std::exp(-db / kLossPerNeper);
+        left[n] = std::exp((0.5f * aim.loss_db[label] - db) / kLossPerNeper);  // to the sample's middle
     }
 }
 
