@@ -363,3 +363,12 @@ def test_a_tissue_that_is_none_is_refused():
         AcousticTissue(name="x", speed_m_s=1500, density_kg_m3=1000, attenuation_db_cm_mhz=1, backscatter_db=np.nan)
     with pytest.raises(ValueError, match="range_db"):
         Display(range_db=0)
+
+
+def test_scanners_that_differ_in_display_share_what_was_computed_and_do_not_disturb_each_other():
+    scanner = liver_scanner(LINEAR)
+    louder = scanner.with_display(gain_db=-20.0)
+    field = a_field()
+    first = scanner.render(field).iq
+    louder.render()  # on another lattice
+    assert np.array_equal(scanner.render(field).iq, first)

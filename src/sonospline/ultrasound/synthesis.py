@@ -140,16 +140,15 @@ class Ultrasound:
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
         self.seed = _validate.count("seed", seed, least=0)
         self.plane = picture_plane(probe, self.image_to_reference, picture_shape)
-        self._plan = self.optics.plan(self.plane)
-        self._margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
-        self._grid: Grid | None = None
+        margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
+        self._aimed = _Aimed(self.optics.plan(self.plane), margin_mm)
 
     def moved(self, image_to_reference: ArrayLike) -> Ultrasound:
         """Return the same scanner at another pose."""
         rows_columns = self.plane.shape
         return Ultrasound(
             self.scene, self.probe, image_to_reference, display=self.display, needle_echo=self.needle_echo,
-            picture_shape=rows_columns, seed=self.seed, margin_mm=self._margin_mm,
+            picture_shape=rows_columns, seed=self.seed, margin_mm=self._aimed.margin_mm,
         )  # fmt: skip
 
     def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
@@ -172,14 +171,14 @@ class Ultrasound:
         if not np.isfinite(largest):
             logger.warning("the field contains NaN or infinity; the tissue is shown undeformed")
             grid_field, largest = self._still, 0.0
-        if grid_field.grid is not self._grid or largest > self._margin_mm:
+        if grid_field.grid is not self._aimed.grid or largest > self._aimed.margin_mm:
             self._aim(grid_field.grid, largest)
         if needle is None:
             echoes, shadow = self._no_needle
         else:
             echoes, shadow = needle_echo.echo(self.needle_echo, needle, self.optics, self.image_to_reference, self.seed)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
-        iq, grey, picture = self._plan.render(
+        iq, grey, picture = self._aimed.plan.render(
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_echo.SHADOW_SOFT_MM,
             self._noise[start:], self._noise_level, self._offset_db, self.display.range_db,
         )  # fmt: skip
@@ -197,13 +196,14 @@ class Ultrasound:
 
     def _aim(self, grid: Grid, largest_mm: float) -> None:
         """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
-        if largest_mm > self._margin_mm:
-            self._margin_mm = 1.5 * largest_mm
-        scatterers = self._scatterers(self._margin_mm)
+        aimed = self._aimed
+        if largest_mm > aimed.margin_mm:
+            aimed.margin_mm = 1.5 * largest_mm
+        scatterers = self._scatterers(aimed.margin_mm)
         if not len(scatterers.points):
             logger.warning("the probe sees nothing: its plane misses the scene, or all of it is fluid")
-        self._plan.aim(*aim(self.scene, self.optics, self.image_to_reference, grid, scatterers))
-        self._grid = grid
+        aimed.plan.aim(*aim(self.scene, self.optics, self.image_to_reference, grid, scatterers))
+        aimed.grid = grid
 
     def _scatterers(self, margin_mm: float) -> Scatterers:
         volume = volume_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm, self.seed)
@@ -243,6 +243,15 @@ class Ultrasound:
         r, line, _ = self.probe.beam_coordinates(flat).T
         inside = (r >= 0) & (r <= self.probe.depth_mm) & (line >= 0) & (line <= self.probe.lines - 1)
         return inside.reshape(self.plane.shape)
+
+
+@dataclass
+class _Aimed:
+    """The core's plan and what it was made for; shared by scanners that differ in their display alone."""
+
+    plan: Any
+    margin_mm: float
+    grid: Grid | None = None
 
 
 def _largest(field: GridField) -> float:

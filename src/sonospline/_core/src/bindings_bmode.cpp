@@ -4,6 +4,7 @@
 #include <nanobind/stl/tuple.h>
 
 #include <algorithm>
+#include <mutex>
 #include <tuple>
 
 #include "bindings.hpp"
@@ -43,6 +44,7 @@ class BmodePlan {
                 "frames, nodes and starts differ in length");
         const std::size_t echoes = static_cast<std::size_t>(starts.data()[count]) + sono::kEchoSlack;
         require(place.shape(1) == amplitude.shape(0) && amplitude.shape(0) >= echoes, "place lacks its slack");
+        std::lock_guard<std::mutex> lock(mutex_);
         frames_ = frames, nodes_ = nodes, starts_ = starts, place_ = place, amplitude_ = amplitude;
         start_ = ray_start, step_ = ray_step, labels_ = labels, loss_ = loss_db, impedance_ = impedance;
         aim_.cells = {reinterpret_cast<const sono::CellFrame *>(frames.data()),
@@ -76,6 +78,7 @@ class BmodePlan {
         auto picture = new_array<std::uint8_t, 2>({pixel_.shape(0), pixel_.shape(1)});
         {
             nb::gil_scoped_release release;
+            std::lock_guard<std::mutex> lock(mutex_);
             renderer_.render(aim_, in, {iq.data(), grey.data(), picture.data()});
         }
         return std::tuple(iq, grey, picture);
@@ -102,6 +105,7 @@ class BmodePlan {
         return t;
     }
 
+    std::mutex mutex_;  // scratch memory serves one frame at a time
     Vector axial_;
     Table lateral_;
     Indices first_;
