@@ -1,5 +1,6 @@
 """Poses, planes, probes, slices, and real images that deform."""
 
+import copy
 import logging
 
 import numpy as np
@@ -337,8 +338,7 @@ def a_calibrated_file(tmp_path):
     region.RegionLocationMaxX1, region.RegionLocationMaxY1 = 299, 209
     region.PhysicalUnitsXDirection = region.PhysicalUnitsYDirection = 3
     region.PhysicalDeltaX, region.PhysicalDeltaY = 0.1, 0.05
-    doppler = pydicom.Dataset()
-    doppler.update(region)
+    doppler = copy.deepcopy(region)
     doppler.RegionDataType, doppler.PhysicalUnitsXDirection = 3, 4
     dataset.SequenceOfUltrasoundRegions = [doppler, region]
     dataset.save_as(tmp_path / "calibrated.dcm")

@@ -54,7 +54,7 @@ def reslice(
     from scipy.ndimage import map_coordinates
 
     rows, columns = np.indices(shape)
-    points = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)]) @ pixel.T
+    points = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)]).astype(np.float64) @ pixel.T
     x, iterations = invert_lattice(values, spacing, points, tolerance, most)
     at = index[:, :3] @ x.T + index[:, 3:]
     last = np.array(voxels.shape)[:, None] - 1

@@ -134,11 +134,7 @@ def _regions(dataset: Any) -> list[Region]:
         in_cm = item.get("PhysicalUnitsXDirection") == item.get("PhysicalUnitsYDirection") == _CENTIMETRES
         size = (10 * abs(float(item.get("PhysicalDeltaX", 0))), 10 * abs(float(item.get("PhysicalDeltaY", 0))))
         if in_cm and min(size) > 0 and item.get("RegionDataType") == _TISSUE:
-            corners = (
-                item.RegionLocationMinX0,
-                item.RegionLocationMinY0,
-                item.RegionLocationMaxX1,
-                item.RegionLocationMaxY1,
-            )
-            found.append(Region(*(int(c) for c in corners), spacing_mm=size))
+            left, top = int(item.RegionLocationMinX0), int(item.RegionLocationMinY0)
+            right, bottom = int(item.RegionLocationMaxX1), int(item.RegionLocationMaxY1)
+            found.append(Region(left, top, right, bottom, size))
     return found

@@ -74,7 +74,8 @@ def _faces(
     kept = step > _SMALLEST_STEP
     face = np.prod(spacing) / spacing[axis]
     copies = max(1, round(POINTS_PER_MM2 * face))
-    index, step, middle = (np.repeat(a[kept], copies, axis=0) for a in (index, step, (z1 + z2) / 2))
+    middle = np.repeat(((z1 + z2) / 2)[kept], copies)
+    index, step = np.repeat(index[kept], copies, axis=0), np.repeat(step[kept], copies)
     beside = index.copy()
     beside[:, axis] += 1
     before, after = smooth[tuple(index.T)], smooth[tuple(beside.T)]

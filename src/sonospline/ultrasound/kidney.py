@@ -101,7 +101,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True) -> KidneyPh
     return KidneyPhantom(Scene(volume, LABELS), targets)  # type: ignore[arg-type]
 
 
-def _world(local: tuple[float, float, float]) -> NDArray[np.float64]:
+def _world(local: tuple[float, ...]) -> NDArray[np.float64]:
     """A position of the kidney's frame (x towards its lower pole, z towards its hilum) in the world."""
     x, y, z = local
     return _CENTRE + np.array([np.cos(_TILT) * x + np.sin(_TILT) * z, y, -np.sin(_TILT) * x + np.cos(_TILT) * z])
@@ -202,7 +202,7 @@ def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
     lean = np.radians(0.9 * station)
     axis = np.array([np.sin(lean), np.cos(lean) * np.sin(row), -np.cos(lean) * np.cos(row)])
     apex = np.array([0.8 * station, 8.5 * np.sin(row), 2 - 6.5 * np.cos(row)])
-    middle = _world(tuple(apex + 9 * axis))  # type: ignore[arg-type]
+    middle = _world(tuple(apex + 9 * axis))
 
     def inside(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         offset = [c - a for c, a in zip(_local(x, y, z), apex, strict=True)]
@@ -237,5 +237,5 @@ def _paint_sinus(canvas: Canvas) -> None:
         ((0, 0, -2), (1, 0, -5), (1.4, 2.0)), ((-13, 0, 5), (-12, 0, -4), (1.1, 1.9)),
         ((18, 0, 4), _CALYX, (1.6, 3.4)), (_CALYX, (26.0, 0.0, 3.5), (3.4, 4.4)),
     ]  # fmt: skip
-    for start, end, radii in ducts:
-        canvas.tube(_URINE, _world(start), _world(end), radii, over=(_SINUS, _CORTEX, _MEDULLA, _PERIRENAL))
+    for begin, stop, ends in ducts:
+        canvas.tube(_URINE, _world(begin), _world(stop), ends, over=(_SINUS, _CORTEX, _MEDULLA, _PERIRENAL))

@@ -115,7 +115,8 @@ class Optics:
         first, smoothing = self.shadow_smoothing()
         pixel, fraction = scan_table(probe, plane)
         return _core.active.BmodePlan(
-            tuple(map(float, geometry)), probe.curved, probe.lines, probe.samples, self.axial.astype(np.float32),
+            tuple(float(value) for value in geometry),
+            probe.curved, probe.lines, probe.samples, self.axial.astype(np.float32),
             np.ascontiguousarray(self.lateral, np.float32), RAYS, RAY_SAMPLES, first, smoothing, pixel, fraction,
         )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,16 @@ SPEED_OF_SOUND = 1.54
 """mm per microsecond, what scanners assume."""
 
 _FWHM = 2 * np.sqrt(2 * np.log(2))
+
+
+_ABDOMINAL: dict[str, Any] = {
+    "aperture_mm": 62.8, "radius_mm": 60.0, "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.0,
+    "elevation_focus_mm": 65.0,
+}  # fmt: skip
+_CARDIAC: dict[str, Any] = {
+    "aperture_mm": 20.0, "sector_deg": 80.0, "f_number": 2.5, "active_aperture_mm": 20.0, "elevation_mm": 3.5,
+    "elevation_focus_mm": 70.0, "elevation_spread": 0.02,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,64 +120,20 @@ class Probe:
 
     @classmethod
     def linear(
-        cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: float
+        cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: Any
     ) -> Probe:
         """Return a small-parts probe: parallel beams."""
-        return cls(kind="linear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, aperture_mm=aperture_mm, **settings)  # type: ignore[arg-type]
+        return cls(kind="linear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, aperture_mm=aperture_mm, **settings)
 
     @classmethod
-    def curvilinear(
-        cls,
-        *,
-        frequency_mhz: float = 3.5,
-        depth_mm: float = 120.0,
-        radius_mm: float = 60.0,
-        aperture_mm: float = 62.8,
-        **settings: float,
-    ) -> Probe:
-        """Return an abdominal probe: a convex face, 60 degrees wide."""
-        defaults: dict[str, float] = {
-            "f_number": 2.5,
-            "active_aperture_mm": 20.0,
-            "elevation_mm": 3.0,
-            "elevation_focus_mm": 65.0,
-            "elevation_spread": 0.015,
-        }
-        return cls(
-            kind="curvilinear",
-            frequency_mhz=frequency_mhz,
-            depth_mm=depth_mm,
-            radius_mm=radius_mm,
-            aperture_mm=aperture_mm,
-            **(defaults | settings),
-        )  # type: ignore[arg-type]
+    def curvilinear(cls, *, frequency_mhz: float = 3.5, depth_mm: float = 120.0, **settings: Any) -> Probe:
+        """Return an abdominal probe: a convex face of 60 mm radius, 60 degrees wide."""
+        return cls(kind="curvilinear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, **(_ABDOMINAL | settings))
 
     @classmethod
-    def phased(
-        cls,
-        *,
-        frequency_mhz: float = 2.5,
-        depth_mm: float = 140.0,
-        sector_deg: float = 80.0,
-        aperture_mm: float = 20.0,
-        **settings: float,
-    ) -> Probe:
-        """Return a cardiac probe: a sector from one point."""
-        defaults: dict[str, float] = {
-            "f_number": 2.5,
-            "active_aperture_mm": 20.0,
-            "elevation_mm": 3.5,
-            "elevation_focus_mm": 70.0,
-            "elevation_spread": 0.02,
-        }
-        return cls(
-            kind="phased",
-            frequency_mhz=frequency_mhz,
-            depth_mm=depth_mm,
-            sector_deg=sector_deg,
-            aperture_mm=aperture_mm,
-            **(defaults | settings),
-        )  # type: ignore[arg-type]
+    def phased(cls, *, frequency_mhz: float = 2.5, depth_mm: float = 140.0, **settings: Any) -> Probe:
+        """Return a cardiac probe: a sector of 80 degrees from one point."""
+        return cls(kind="phased", frequency_mhz=frequency_mhz, depth_mm=depth_mm, **(_CARDIAC | settings))
 
     @property
     def wavelength_mm(self) -> float:
@@ -210,8 +176,8 @@ class Probe:
 
     def line_spacing(self, range_mm: ArrayLike) -> Array:
         """Return the distance between beams at a range, mm."""
-        r = np.asarray(range_mm, float)
-        return self.line_step * (r + self.apex_mm) if self.curved else np.full_like(r, self.line_step)
+        reach = np.asarray(range_mm, float) + self.apex_mm
+        return self.line_step * (reach if self.curved else np.ones_like(reach))
 
     @property
     def axial_sigma(self) -> float:
@@ -220,7 +186,7 @@ class Probe:
 
     def lateral_fwhm(self, range_mm: ArrayLike) -> Array:
         """Return the beam's full width at half maximum, 0.9 wavelength max(F#, r / D), mm."""
-        ratio = np.maximum(self.f_number, np.asarray(range_mm, float) / self.active_aperture_mm)
+        ratio: Array = np.maximum(self.f_number, np.asarray(range_mm, float) / self.active_aperture_mm)
         return 0.9 * self.wavelength_mm * ratio
 
     def lateral_sigma(self, range_mm: ArrayLike) -> Array:
@@ -230,7 +196,8 @@ class Probe:
     def elevation_sigma(self, range_mm: ArrayLike) -> Array:
         """Return the standard deviation of the slice's two-way amplitude profile, mm."""
         apart = self.elevation_spread * (np.asarray(range_mm, float) - self.elevation_focus_mm)
-        return np.hypot(self.elevation_mm / _FWHM, apart)
+        sigma: Array = np.hypot(self.elevation_mm / _FWHM, apart)
+        return sigma
 
     def beam_coordinates(self, points: ArrayLike) -> Array:
         """Return range (mm), line (a fraction of line numbers) and elevation (mm) of image points (m, 3)."""

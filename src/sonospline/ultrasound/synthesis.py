@@ -71,7 +71,7 @@ class BMode:
     optics: Optics
 
     @cached_property
-    def envelope(self) -> NDArray[np.float32]:
+    def envelope(self) -> NDArray[np.floating]:
         """(lines, samples) envelope over the rms of liver speckle at each depth (attenuation is in it)."""
         return np.abs(self.iq) / np.sqrt(self.optics.speckle_power).astype(np.float32)
 
