@@ -75,22 +75,22 @@ def slices() -> None:
 
 
 def abdomen(data: Path) -> None:
-    """A scene from labelled CT: the right kidney through the liver's edge, from the flank."""
+    """A scene from labelled CT: the right kidney from the flank, in an axial plane."""
     labels, ct = read_volume(data / "abdomen_labels.nii.gz"), read_volume(data / "abdomen_ct.nii.gz")
     scene = scene_from_organs(labels, read_organ_names(data / "abdomen_labels.csv"), ct=ct)
     kidney_middle = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]
-    look = np.array([-0.8, -0.6, 0.0])
+    look = np.array([-0.55, 0.835, 0.0])  # from behind and the side
     skin = kidney_middle.copy()
     while scene.labels.lattice.contains((skin - 2 * look)[None]).all():
         index = np.rint(scene.labels.lattice.local(skin[None])[0] / scene.labels.lattice.spacing).astype(int)
         if scene.bytes[tuple(index)] == 0:
             break
         skin = skin - look
-    pose = facing(skin + 3 * look, depth=look, right=(0, 0, 1))
+    pose = facing(skin + 3 * look, depth=look, right=np.cross(look, (0, 0, 1)))
     scanner = Ultrasound(scene, Probe.curvilinear(depth_mm=130), pose)
     lattice = scene.labels.lattice
     grid = ss.Grid.covering(lattice.extent, nodes=150_000, origin=lattice.origin)
-    needle = ss.Needle(skin + 6 * look + np.array([0, 0, 28.0]), kidney_middle)
+    needle = ss.Needle(skin + 14 * look + 42 * pose[:3, 0], kidney_middle)
     tissue = ss.Tissue(grid, entry_face=grid.nearest_face(needle.entry))
     insertion = ss.Insertion(tissue, ss.NeedleTissueModel.paper(60.0))
     field = ss.GridField.of(insertion.advance(needle))
@@ -157,15 +157,21 @@ def _width(grey: np.ndarray, axis: int) -> float:
     return 2 * (below - 1 + (lags[below - 1] - 0.5) / (lags[below - 1] - lags[below]))
 
 
+PICTURES = {"slices": slices, "kidney": kidney}
+REAL_DATA = {"abdomen": abdomen, "sweep": sweep, "liver": liver}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=Path(__file__).parents[2] / "shared" / "data")
-    data = parser.parse_args().data
-    slices()
-    kidney()
-    if data.is_dir():
-        for picture in (abdomen, sweep, liver):
-            picture(data)
+    parser.add_argument("--only", choices=(*PICTURES, *REAL_DATA))
+    arguments = parser.parse_args()
+    for name, picture in PICTURES.items():
+        if arguments.only in (None, name):
+            picture()
+    for name, real in REAL_DATA.items():
+        if arguments.only in (None, name) and arguments.data.is_dir():
+            real(arguments.data)
 
 
 if __name__ == "__main__":

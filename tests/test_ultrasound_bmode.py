@@ -77,6 +77,7 @@ def half_width(covariance, step):
     return 2 * step * (below - 1 + (high - 0.5) / (high - low))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("probe", [LINEAR, CURVED], ids=lambda p: p.kind)
 def test_autocovariance_widths_follow_pulse_and_beam(probe):
     window = slice(440, 600)
@@ -103,6 +104,7 @@ def shifted(scanner, displacement):
     )
 
 
+@pytest.mark.slow
 def test_elevational_motion_decorrelates_as_theory_says():
     scanners = [liver_scanner(LINEAR, seed) for seed in SEEDS]
     focus = int(LINEAR.elevation_focus_mm / LINEAR.sample_mm) - 80
@@ -200,7 +202,7 @@ def two_layers(tissue):
     return Scene(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: tissue})
 
 
-@pytest.mark.parametrize("name", ["urine", "muscle", "fat"])
+@pytest.mark.parametrize("name", ["urine", pytest.param("muscle", marks=pytest.mark.slow)])
 def test_what_lies_behind_is_attenuated_as_the_table_says(name):
     probe = Probe.linear(depth_mm=50, lines=64, aperture_mm=25)
     pose = facing((30, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))
@@ -333,6 +335,7 @@ def test_a_field_with_nan_is_left_out_with_a_warning(caplog):
     assert np.array_equal(image.iq, scanner.render().iq)
 
 
+@pytest.mark.slow
 def test_a_displacement_beyond_the_margin_chooses_scatterers_anew():
     scanner = liver_scanner(LINEAR)
     far = shifted(scanner, (0, 6.0, 0))

@@ -19,7 +19,7 @@ def image(capsys, *arguments):
 
 
 def test_the_kidney_before_and_after(tmp_path, capsys):
-    report = image(capsys, "--out", tmp_path / "out", "--cine", 2, *QUICK)
+    report = image(capsys, "--out", tmp_path / "out", "--cine", 2, "--depth", 90, *QUICK)
     written = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert (
         written
@@ -30,6 +30,7 @@ def test_the_kidney_before_and_after(tmp_path, capsys):
     assert report["picture"][1] == 512
 
 
+@pytest.mark.slow
 def test_another_probe_at_another_place(tmp_path, capsys):
     report = image(
         capsys, "--probe", "linear", "--depth", 45, "--origin", "110,50,0.5", "--out", tmp_path / "out", *QUICK

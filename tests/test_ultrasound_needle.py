@@ -100,7 +100,7 @@ def test_reverberation_repeats_at_the_shafts_travel_time():
     assert np.abs(oblique.iq).max() < 0.5 * beam.max()
 
 
-@pytest.mark.parametrize("offset_mm", [0.0, 0.8])
+@pytest.mark.parametrize("offset_mm", [0.0, pytest.param(0.8, marks=pytest.mark.slow)])
 def test_the_shadow_is_as_dark_as_its_formula(offset_mm):
     model = NeedleEcho.steel_2mm()
     ratios = []

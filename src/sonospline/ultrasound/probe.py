@@ -172,11 +172,11 @@ class Probe:
     @cached_property
     def ranges(self) -> Array:
         """(samples,) range of each sample in mm."""
-        return self.sample_mm * np.arange(self.samples)
+        return np.arange(self.samples, dtype=np.float64) * self.sample_mm
 
     def line_spacing(self, range_mm: ArrayLike) -> Array:
         """Return the distance between beams at a range, mm."""
-        reach = np.asarray(range_mm, float) + self.apex_mm
+        reach: Array = np.asarray(range_mm, float) + self.apex_mm
         return self.line_step * (reach if self.curved else np.ones_like(reach))
 
     @property
