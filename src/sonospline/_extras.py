@@ -19,7 +19,6 @@ PROVIDES = {
     "PIL": "plot",
     "pyvista": "view",
     "pydicom": "dicom",
-    "rich": "cli",
 }
 """Module -> the extra that brings it."""
 
