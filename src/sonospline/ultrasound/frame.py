@@ -41,8 +41,8 @@ class Frame:
     >>> from sonospline.ultrasound import Frame, facing
     >>> frame = Frame.placed(np.zeros((400, 260), np.uint8), spacing_mm=0.1,
     ...                      image_to_reference=facing((0, 0, 0), depth=(1, 0, 0), right=(0, 1, 0)))
-    >>> frame.plane.extent
-    (-13.0, 13.0, 39.95, -0.05)
+    >>> [round(edge, 2) for edge in frame.plane.extent]
+    [-13.0, 13.0, 39.95, -0.05]
     """
 
     pixels: NDArray[Any]

@@ -59,7 +59,7 @@ class NeedleEcho:
     >>> from sonospline.ultrasound import NeedleEcho
     >>> steel, trocar = NeedleEcho.steel_2mm(), NeedleEcho.trocar()
     >>> [round(float(needle.shaft_db(25.0)), 1) for needle in (steel, trocar)]
-    [3.3, 9.1]
+    [3.1, 9.6]
     """
 
     name: str

@@ -5,7 +5,7 @@
 
 #include "kernels.hpp"
 #include "phases.hpp"
-#include "trilinear.hpp"
+#include "trilinear4.hpp"
 
 namespace sono {
 namespace {
@@ -70,26 +70,26 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
 
 // Walks down one coarse beam through the undeformed labels, adding up what is lost.
 void BmodeRenderer::trace(const Aim &aim, const FrameInput &in, int ray) {
-    const Trilinear<float> displacement(in.field);
+    const Trilinear4 displacement(in.field);
     const double *start = aim.ray_start + 3 * ray, *step = aim.ray_step + 3 * ray;
     float *left = transmitted_.data() + static_cast<std::size_t>(ray) * probe_.ray_samples;
-    float u[3] = {}, db = 0;
+    Float4 u{}, first{}, along{}, index[4] = {};
+    for (int a = 0; a < 3; ++a) {
+        first[a] = static_cast<float>(start[a]), along[a] = static_cast<float>(step[a]);
+        for (int b = 0; b < 4; ++b) index[b][a] = static_cast<float>(aim.label_index[4 * a + b]);
+    }
+    float db = 0;
     int last = -1;
     for (int n = 0; n < probe_.ray_samples; ++n) {
-        float p[3], x[3];
-        for (int a = 0; a < 3; ++a) p[a] = static_cast<float>(start[a] + step[a] * n);
-        for (int i = 0; i < kInverseSteps; ++i) {
-            for (int a = 0; a < 3; ++a) x[a] = p[a] - u[a];
-            displacement(x, u);
-        }
-        for (int a = 0; a < 3; ++a) x[a] = p[a] - u[a];
+        const Float4 p = first + static_cast<float>(n) * along;
+        for (int i = 0; i < kInverseSteps; ++i) u = displacement(p - u);
+        const Float4 x = p - u;
+        const Float4 nearest = index[0] * x[0] + index[1] * x[1] + index[2] * x[2] + index[3] + 0.5f;
         std::size_t voxel = 0;
         bool inside = true;
         for (int a = 0; a < 3; ++a) {
-            const double *m = aim.label_index + 4 * a;
-            const float index = static_cast<float>(m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3]) + 0.5f;
-            inside = inside && index >= 0 && index < static_cast<float>(aim.label_shape[a]);
-            voxel = voxel * aim.label_shape[a] + (inside ? static_cast<std::size_t>(index) : 0);
+            inside = inside && nearest[a] >= 0 && nearest[a] < static_cast<float>(aim.label_shape[a]);
+            voxel = voxel * aim.label_shape[a] + (inside ? static_cast<std::size_t>(nearest[a]) : 0);
         }
         const int label = inside ? aim.labels[voxel] : 0;
         if (last >= 0 && label != last) {

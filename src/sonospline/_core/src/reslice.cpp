@@ -2,14 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "parallel.hpp"
-#include "trilinear.hpp"
+#include "trilinear4.hpp"
 
 namespace sono {
 namespace {
 
-constexpr std::size_t kRowsPerBlock = 16;
+constexpr std::size_t kRowsPerBlock = 32;
+
+/// The displacement found at a pixel, and how it changed from the pixel above.
+struct Guess {
+    Float4 u{}, change{};
+    bool known = false;
+};
 
 class Voxels {
   public:
@@ -18,7 +25,7 @@ class Voxels {
         for (int a = 0; a < 3; ++a) last_[a] = static_cast<float>(image.shape[a] - 1);
     }
 
-    bool operator()(const float index[3], float &grey) const {
+    bool operator()(Float4 index, float &grey) const {
         std::ptrdiff_t at[3];
         float t[3];
         std::size_t nearest = 0;
@@ -52,43 +59,41 @@ class Voxels {
 
 void reslice(const LatticeField &field, const VoxelImage &image, const PixelPlane &plane, double tolerance, int most,
              float *grey, std::uint8_t *seen) {
-    const Trilinear<float> displacement(field);
+    const Trilinear4 displacement(field);
     const Voxels voxels(image);
     const float enough = static_cast<float>(tolerance * tolerance);
-    const auto row = [&](std::size_t r) {
-        float u[3] = {};  // of the pixel before: close to this one's
+    Float4 along{}, down{}, corner{}, index[4] = {};
+    for (int a = 0; a < 3; ++a) {
+        along[a] = static_cast<float>(plane.pixel[3 * a]), down[a] = static_cast<float>(plane.pixel[3 * a + 1]);
+        corner[a] = static_cast<float>(plane.pixel[3 * a + 2]);
+        for (int b = 0; b < 4; ++b) index[b][a] = static_cast<float>(plane.index[4 * a + b]);
+    }
+    // Starts from the pixel above: from the one before it, no two pixels could be under way at once.
+    const auto row = [&](std::size_t r, Guess *guesses) {
         for (std::size_t c = 0; c < plane.columns; ++c) {
-            float p[3], x[3], missing = 0;
-            for (int a = 0; a < 3; ++a) {
-                const double *step = plane.pixel + 3 * a;
-                p[a] = static_cast<float>(step[0] * static_cast<double>(c) + step[1] * static_cast<double>(r) + step[2]);
-                x[a] = p[a] - u[a];
-            }
+            Guess &guess = guesses[c];
+            const Float4 p = corner + static_cast<float>(c) * along + static_cast<float>(r) * down;
+            Float4 x = p - guess.u - guess.change, u{};
             bool found = false;
             for (int step = 0; step < most && !found; ++step) {
-                displacement(x, u);
-                missing = 0;
-                for (int a = 0; a < 3; ++a) {
-                    const float d = p[a] - u[a] - x[a];
-                    missing += d * d;
-                    x[a] += d;
-                }
-                found = missing <= enough;
+                u = displacement(x);
+                const Float4 d = p - u - x, squared = d * d;
+                x += d;
+                found = squared[0] + squared[1] + squared[2] <= enough;
             }
-            float index[3];
-            for (int a = 0; a < 3; ++a) {
-                const double *m = plane.index + 4 * a;
-                index[a] = static_cast<float>(m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3]);
-            }
+            const Float4 voxel = index[0] * x[0] + index[1] * x[1] + index[2] * x[2] + index[3];
             const std::size_t at = r * plane.columns + c;
             grey[at] = 0;
-            seen[at] = found && voxels(index, grey[at]);
-            if (!found) std::fill_n(u, 3, 0.0f);
+            seen[at] = found && voxels(voxel, grey[at]);
+            guess.change = guess.known && found ? u - guess.u : Float4{};
+            guess.u = found ? u : Float4{};
+            guess.known = found;
         }
     };
     parallel_for((plane.rows + kRowsPerBlock - 1) / kRowsPerBlock, [&](std::size_t block) {
         const std::size_t end = std::min(plane.rows, (block + 1) * kRowsPerBlock);
-        for (std::size_t r = block * kRowsPerBlock; r < end; ++r) row(r);
+        std::vector<Guess> guesses(plane.columns);
+        for (std::size_t r = block * kRowsPerBlock; r < end; ++r) row(r, guesses.data());
     });
 }
 
