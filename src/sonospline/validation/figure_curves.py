@@ -49,7 +49,7 @@ def draw_curves(errors: list[Row], times: list[Row], path: Path) -> None:
         panel.set_xlabel("insertion depth (of the way)")
         panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3, lw=0.4)
-        panel.legend(title="nodes", fontsize=8)
+        panel.legend(title="nodes", fontsize=8, loc="lower left")
     _times(cost, times)
     figure.savefig(path, dpi=110)
 
@@ -64,5 +64,6 @@ def _times(panel: Any, times: list[Row]) -> None:
     panel.set_xlabel("nodes")
     panel.set_ylabel("time per step (ms)")
     panel.set_title("b) time per step, one thread each")
+    panel.set_ylim(top=30 * panel.get_ylim()[1])  # room for the legend
     panel.grid(alpha=0.3, which="both", lw=0.4)
-    panel.legend(fontsize=8)
+    panel.legend(fontsize=8, loc="upper left", ncols=2)
