@@ -70,7 +70,7 @@ class Optics:
 
     @cached_property
     def speckle_power(self) -> Array:
-        """(samples,) P(r) = E |s|^2 of scatterers whose density times squared amplitude is 1 / mm^3."""
+        """(samples,) P(r), the mean of ``|s|^2``, of scatterers whose density times squared amplitude is 1 / mm^3."""
         probe, pulse, beam = self.probe, self.axial, self.lateral
         along = self.half_sample_mm * (2 / 3 * (pulse**2).sum() + 1 / 3 * (pulse[1:] * pulse[:-1]).sum())
         across = 2 / 3 * (beam**2).sum(axis=0) + 1 / 3 * (beam[1:] * beam[:-1]).sum(axis=0)
