@@ -14,7 +14,7 @@ import numpy as np
 from .. import _validate
 from .._extras import require
 from ..benchmark import machine
-from ..fem.fenicsx import interpreter
+from ..fem import fenicsx
 from ..grid import Grid
 from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
@@ -57,14 +57,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
         require(package)
     if not args.quick:
-        interpreter()  # said now, not after an hour
+        fenicsx.interpreter()  # said now, not after an hour
     image = read_volume(args.image) if args.image else layered_block(seed)
     plan = study.Plan.quick(seed) if args.quick else study.Plan.full(seed)
     notebook = _notebook(args.out, say(quiet=args.quiet))  # before the staging: it stays where a run fails
     with staged_folder(args.out) as folder:
         results = study.run_study(plan, notebook)
         _draw(plan, results, image, folder)
-        about = _about(seed)
+        about = _about(plan)
         (folder / "report.md").write_text(report.write(results, about))
         summary = {"about": about, **results, "files": sorted(file.name for file in folder.iterdir())}
         (folder / "results.json").write_text(json.dumps(summary, indent=2) + "\n")
@@ -118,11 +118,13 @@ def _compared(plan: study.Plan, insertion: PlannedInsertion, model: NeedleTissue
     return Compared(tissue.grid, needle, Insertion(tissue, model).advance(needle), reference.displacements[0])
 
 
-def _about(seed: int) -> dict[str, Any]:
-    here = machine.describe([])
+def _about(plan: study.Plan) -> dict[str, Any]:
+    versions = {name: machine.version_of(name) for name in _PACKAGES}
+    if "fenicsx" in plan.timed.values():
+        versions["DOLFINx"] = fenicsx.version()
     return {
         "date": time.strftime("%Y-%m-%d"),
-        "seed": seed,
-        "machine": here,
-        "versions": {name: machine.version_of(name) for name in _PACKAGES},
+        "seed": plan.seed,
+        "machine": machine.describe([]),
+        "versions": versions,
     }

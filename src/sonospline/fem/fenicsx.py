@@ -85,6 +85,12 @@ def interpreter() -> str:
     )
 
 
+def version() -> str:
+    """Return the version of DOLFINx in the :func:`interpreter`; MissingExtraError as there."""
+    command = [interpreter(), "-c", "import dolfinx; print(dolfinx.__version__)"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
 @cache
 def _has_dolfinx(python: str) -> bool:
     try:
