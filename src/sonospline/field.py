@@ -45,6 +45,8 @@ class Field(ABC):
     """The lattice of :meth:`on_grid`."""
     inverse_tolerance = 1e-9
     """Default tolerance of :meth:`inverse`, in units of the field's length."""
+    error_estimate: float | None = None
+    """Error relative to the field itself, where its maker knows it: an unfinished elastic solution does."""
 
     @abstractmethod
     def displacement(self, points: ArrayLike) -> Array:

@@ -13,8 +13,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from .twin_bmode import BmodePlan as BmodePlan
+from .twin_elastic import ElasticMultigrid as ElasticMultigrid
+from .twin_elastic import line_load as line_load
 from .twin_multilevel import MultilevelPlan as MultilevelPlan
+from .twin_sampling import gradient_lattice as gradient_lattice
 from .twin_sampling import invert_lattice as invert_lattice
+from .twin_sampling import resample_lattice as resample_lattice
 from .twin_sampling import reslice as reslice
 from .twin_sampling import sample_lattice as sample_lattice
 

@@ -2,34 +2,80 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 
-def sample_lattice(values: NDArray[np.float32], spacing: tuple[float, float, float], points: Array) -> Array:
-    """Return a field (nx, ny, nz, 3) at points (m, 3), linear between nodes."""
-    last = np.array(values.shape[:3]) - 1
+def sample_lattice(values: Single, spacing: tuple[float, float, float], points: Array, order: int = 1) -> Array:
+    """Return a field at points (m, 3), beyond the lattice its value at the nearest point of it.
+
+    ``values`` (nx, ny, nz, 3) are those at the nodes, linear between (``order=1``), or the
+    coefficients of cubic B-splines, with one more on every side (``order=3``).
+    """
+    cell, t = _place(values, spacing, points, order)
+    return _sum(values, cell, [_WEIGHTS[order](t[:, axis]) for axis in range(3)])
+
+
+def gradient_lattice(coefficients: Single, spacing: tuple[float, float, float], points: Array) -> Array:
+    """Return d u_a / d x_b (m, 3, 3) of a cubic field at points (m, 3); zero across the ends beyond the lattice."""
+    cell, t = _place(coefficients, spacing, points, 3)
+    index = points / spacing
+    inside = (index >= 0) & (index <= np.array(coefficients.shape[:3]) - 3)
+    out = np.empty((len(points), 3, 3))
+    for b in range(3):
+        weights = [_WEIGHTS[3](t[:, axis]) for axis in range(3)]
+        weights[b] = _cubic_slopes(t[:, b]) * (inside[:, b, None] / spacing[b]).astype(np.float32)
+        out[:, :, b] = _sum(coefficients, cell, weights)
+    return out
+
+
+def _place(
+    values: Single, spacing: tuple[float, float, float], points: Array, order: int
+) -> tuple[NDArray[np.int64], Single]:
+    """First node of the sum at each point, and the place in its cell."""
+    last = np.array(values.shape[:3]) - (1 if order == 1 else 3)
     index = np.clip(np.nan_to_num(points / spacing), 0, last)
     cell = np.minimum(index.astype(np.int64), last - 1)
-    t = (index - cell).astype(np.float32)
-    out = np.zeros((len(points), 3), np.float32)
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(corner, t, 1 - t), axis=1)
+    return cell, (index - cell).astype(np.float32)
+
+
+def _sum(values: Single, cell: NDArray[np.int64], weights: list[Single]) -> Array:
+    out = np.zeros((len(cell), 3), np.float32)
+    for corner in np.ndindex(*(w.shape[1] for w in weights)):
+        weight = np.prod([w[:, j] for w, j in zip(weights, corner, strict=True)], axis=0)
         out += weight[:, None] * values[tuple((cell + corner).T)]
     return out.astype(np.float64)
 
 
+def _cubic(t: Single) -> Single:
+    s = 1 - t
+    weights = np.stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3], axis=1) / 6
+    return weights.astype(np.float32)
+
+
+def _cubic_slopes(t: Single) -> Single:
+    s = 1 - t
+    slopes = np.stack([-(s**2), (3 * t - 4) * t, -(3 * s - 4) * s, t**2], axis=1) / 2
+    return slopes.astype(np.float32)
+
+
+_WEIGHTS: dict[int, Callable[[Single], Single]] = {1: lambda t: np.stack([1 - t, t], axis=1), 3: _cubic}
+
+
 def invert_lattice(
-    values: NDArray[np.float32], spacing: tuple[float, float, float], points: Array, tolerance: float, most: int
+    values: Single, spacing: tuple[float, float, float], points: Array, tolerance: float, most: int, order: int = 1
 ) -> tuple[Array, NDArray[np.int32]]:
     """Solve x + u(x) = p for points (m, 3); return x and the iterations taken, 0 where too few were allowed."""
     x = points.copy()
     iterations = np.zeros(len(points), np.int32)
     remaining = np.arange(len(points))
     for step in range(1, most + 1):
-        missing = points[remaining] - sample_lattice(values, spacing, x[remaining]) - x[remaining]
+        missing = points[remaining] - sample_lattice(values, spacing, x[remaining], order) - x[remaining]
         x[remaining] += missing
         done = (missing**2).sum(axis=1) <= tolerance**2
         iterations[remaining[done]] = step
@@ -63,3 +109,20 @@ def reslice(
     shown &= seen[tuple(np.floor(at + 0.5).astype(np.int64))] > 0
     grey = np.where(shown, map_coordinates(voxels, at, order=1, mode="nearest"), 0)
     return grey.astype(np.float32).reshape(shape), shown.astype(np.uint8).reshape(shape)
+
+
+def resample_lattice(
+    values: Single,
+    x_filter: Single,
+    x: Single,
+    y_filter: Single,
+    y: Single,
+    z_transposed: Single,
+) -> Single:
+    """Return values (3, nx, ny, nz) at the nodes of another lattice, as (mx, my, mz, 3).
+
+    Weights along x and y are two matrices, applied one after the other; those along z
+    their product, transposed.
+    """
+    along_y = np.matmul(y @ y_filter, values @ z_transposed)
+    return np.ascontiguousarray(np.einsum("mi,aiyz->myza", x @ x_filter, along_y, optimize=True))

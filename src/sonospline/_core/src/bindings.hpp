@@ -31,6 +31,7 @@ nanobind::ndarray<nanobind::numpy, T> new_array(const std::array<std::size_t, N>
 
 void bind_bmode(nanobind::module_ &m);
 void bind_cholesky(nanobind::module_ &m);
+void bind_elastic(nanobind::module_ &m);
 void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
 void bind_reslice(nanobind::module_ &m);

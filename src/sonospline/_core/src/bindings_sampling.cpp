@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "bindings.hpp"
+#include "resampling.hpp"
 #include "sampling.hpp"
 
 namespace nb = nanobind;
@@ -14,31 +15,72 @@ namespace {
 
 using Values = nb::ndarray<const float, nb::shape<-1, -1, -1, 3>, nb::c_contig, nb::device::cpu>;
 
-sono::LatticeField lattice_field(const Values &values, const std::array<double, 3> &spacing) {
-    return {values.data(), {values.shape(0), values.shape(1), values.shape(2)}, spacing};
+sono::LatticeField lattice_field(const Values &values, const std::array<double, 3> &spacing, int order) {
+    if (order != 1 && order != 3) throw nb::value_error("order is neither 1 nor 3");
+    for (std::size_t a = 0; a < 3; ++a)
+        if (values.shape(a) < (order == 3 ? 4u : 2u)) throw nb::value_error("values has too few nodes along an axis");
+    return {values.data(), {values.shape(0), values.shape(1), values.shape(2)}, spacing, order};
 }
 
-nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<double, 3> &spacing, Rows points) {
+nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<double, 3> &spacing, Rows points,
+                                              int order) {
+    const auto field = lattice_field(values, spacing, order);
     auto out = new_array<double, 2>({points.shape(0), 3});
     nb::gil_scoped_release release;
-    sono::sample_lattice(lattice_field(values, spacing), points.data(), points.shape(0), out.data());
+    sono::sample_lattice(field, points.data(), points.shape(0), out.data());
     return out;
 }
 
-auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows points, double tolerance, int most) {
+nb::ndarray<nb::numpy, double> gradient_lattice(Values coefficients, const std::array<double, 3> &spacing,
+                                                Rows points) {
+    const auto field = lattice_field(coefficients, spacing, 3);
+    auto out = new_array<double, 3>({points.shape(0), 3, 3});
+    nb::gil_scoped_release release;
+    sono::gradient_lattice(field, points.data(), points.shape(0), out.data());
+    return out;
+}
+
+auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows points, double tolerance, int most,
+                    int order) {
+    const auto field = lattice_field(values, spacing, order);
     auto out = new_array<double, 2>({points.shape(0), 3});
     auto iterations = new_array<std::int32_t, 1>({points.shape(0)});
     {
         nb::gil_scoped_release release;
-        sono::invert_lattice(lattice_field(values, spacing), points.data(), points.shape(0), tolerance, most,
-                             out.data(), iterations.data());
+        sono::invert_lattice(field, points.data(), points.shape(0), tolerance, most, out.data(), iterations.data());
     }
     return std::pair(out, iterations);
+}
+
+using Weights = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+using Planes = nb::ndarray<const float, nb::shape<3, -1, -1, -1>, nb::c_contig, nb::device::cpu>;
+
+sono::AxisWeights axis_weights(const Weights &weights) {
+    return {weights.data(), weights.shape(0), weights.shape(1)};
+}
+
+nb::ndarray<nb::numpy, float> resample_lattice(Planes values, Weights x_filter, Weights x, Weights y_filter,
+                                               Weights y, Weights z_transposed) {
+    if (x_filter.shape(1) != values.shape(1) || y_filter.shape(1) != values.shape(2) ||
+        z_transposed.shape(0) != values.shape(3) || x.shape(1) != x_filter.shape(0) ||
+        y.shape(1) != y_filter.shape(0))
+        throw nb::value_error("the weights do not fit the values");
+    const sono::Resampling weights{axis_weights(x_filter), axis_weights(x),        axis_weights(y_filter),
+                                   axis_weights(y),        z_transposed.data(),    z_transposed.shape(0),
+                                   z_transposed.shape(1)};
+    auto out = new_array<float, 4>({x.shape(0), y.shape(0), z_transposed.shape(1), 3});
+    nb::gil_scoped_release release;
+    sono::resample_lattice(weights, values.data(), out.data());
+    return out;
 }
 
 }  // namespace
 
 void bind_sampling(nb::module_ &m) {
-    m.def("sample_lattice", &sample_lattice, "values"_a, "spacing"_a, "points"_a);
-    m.def("invert_lattice", &invert_lattice, "values"_a, "spacing"_a, "points"_a, "tolerance"_a, "most"_a);
+    m.def("sample_lattice", &sample_lattice, "values"_a, "spacing"_a, "points"_a, "order"_a = 1);
+    m.def("gradient_lattice", &gradient_lattice, "coefficients"_a, "spacing"_a, "points"_a);
+    m.def("invert_lattice", &invert_lattice, "values"_a, "spacing"_a, "points"_a, "tolerance"_a, "most"_a,
+          "order"_a = 1);
+    m.def("resample_lattice", &resample_lattice, "values"_a, "x_filter"_a, "x"_a, "y_filter"_a, "y"_a,
+          "z_transposed"_a);
 }

@@ -95,8 +95,9 @@ void values(Kernel kernel, const Tile<double> &p, const double centre[3], double
 extern const BmodeKernels bmode_kernels;
 extern const CholeskyKernels cholesky_kernels;
 extern const MultilevelKernels multilevel;
+extern const ElasticKernels elastic;
 extern const KernelTable table;
-const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &cholesky_kernels, &multilevel,
+const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &cholesky_kernels, &multilevel, &elastic,
                            sum<float>,          sum<double>,    gradient,          values};
 
 }  // namespace SONO_ISA

@@ -23,12 +23,14 @@ template <class T> struct Tile {
 struct BmodeKernels;
 struct CholeskyKernels;
 struct MultilevelKernels;
+struct ElasticKernels;
 
 struct KernelTable {
     const char *name;
     const BmodeKernels *bmode;
     const CholeskyKernels *cholesky;
     const MultilevelKernels *multilevel;
+    const ElasticKernels *elastic;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);

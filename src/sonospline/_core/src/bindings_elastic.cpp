@@ -1,0 +1,89 @@
+// Python side of the elastic solver; its NumPy twin has the documentation.
+#include "bindings.hpp"
+
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <tuple>
+#include <vector>
+
+#include "elastic.hpp"
+#include "elastic_load.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Cells = nb::ndarray<const float, nb::shape<-1, -1, -1>, nb::c_contig, nb::device::cpu>;
+using Nodes = nb::ndarray<const float, nb::shape<3, -1, -1, -1>, nb::c_contig, nb::device::cpu>;
+using Square = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+using Values = nb::ndarray<const float, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using NewNodes = nb::ndarray<nb::numpy, float>;
+
+void make(sono::ElasticMultigrid *self, const std::vector<std::tuple<std::array<double, 3>, Cells, Cells>> &levels,
+          const std::array<bool, 6> &pinned, bool full, int degree, Square coarse_inverse) {
+    std::vector<sono::ElasticLevelData> data;
+    for (const auto &[spacing, lame, shear] : levels) {
+        std::array<std::size_t, 3> cells;
+        for (std::size_t a = 0; a < 3; ++a) {
+            cells[a] = lame.shape(a);
+            if (shear.shape(a) != cells[a]) throw nb::value_error("lame and shear differ in shape");
+        }
+        data.push_back({cells, spacing, lame.data(), shear.data()});
+    }
+    new (self) sono::ElasticMultigrid(data, pinned, full, degree, coarse_inverse.data(), coarse_inverse.shape(0));
+}
+
+void check(const sono::ElasticMultigrid &solver, const Nodes &values) {
+    for (std::size_t a = 0; a < 3; ++a)
+        if (values.shape(a + 1) != solver.shape()[a]) throw nb::value_error("values are not of the solver's shape");
+}
+
+NewNodes like(const Nodes &values) {
+    return new_array<float, 4>({3, values.shape(1), values.shape(2), values.shape(3)});
+}
+
+auto iterate(sono::ElasticMultigrid &solver, Nodes load, Nodes start, int iterations, bool estimate) {
+    check(solver, load), check(solver, start);
+    NewNodes out = like(start);
+    sono::ElasticOutcome outcome;
+    {
+        nb::gil_scoped_release release;
+        std::copy_n(start.data(), start.size(), out.data());
+        outcome = solver.iterate(load.data(), out.data(), iterations, estimate);
+    }
+    return std::tuple(out, outcome.errors, outcome.sound);
+}
+
+NewNodes product(sono::ElasticMultigrid &solver, Nodes values) {
+    check(solver, values);
+    NewNodes out = like(values);
+    nb::gil_scoped_release release;
+    solver.product(values.data(), out.data());
+    return out;
+}
+
+NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
+                   const std::array<double, 3> &origin, const std::array<double, 3> &direction,
+                   Values profile, double first, double interval, double width) {
+    if (profile.size() < 2) throw nb::value_error("profile has fewer than two values");
+    NewNodes out = new_array<float, 4>({3, shape[0], shape[1], shape[2]});
+    nb::gil_scoped_release release;
+    sono::line_load(shape, spacing, origin, direction, profile.data(), profile.size(), first, interval, width, out.data());
+    return out;
+}
+
+}  // namespace
+
+void bind_elastic(nb::module_ &m) {
+    nb::class_<sono::ElasticMultigrid>(m, "ElasticMultigrid")
+        .def("__init__", &make, "levels"_a, "pinned"_a, "full"_a, "degree"_a, "coarse_inverse"_a)
+        .def("iterate", &iterate, "load"_a, "start"_a, "iterations"_a, "estimate"_a)
+        .def("product", &product, "values"_a);
+    m.def("line_load", &line_load, "shape"_a, "spacing"_a, "origin"_a, "direction"_a, "profile"_a, "first"_a,
+          "interval"_a, "width"_a);
+}

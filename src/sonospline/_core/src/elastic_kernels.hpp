@@ -1,0 +1,72 @@
+// The hot loops of the elastic solver, compiled once per instruction set. Node and cell
+// values lie plane after plane of constant x; in a plane, node (y, z) is number y nz + z.
+// A plane is padded with zeros on either side, so that a loop over its numbers may run
+// across the ends of rows: the cells that would join two rows have no stiffness.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace sono {
+
+constexpr int kElasticLanes = 16;  // planes are padded to it; every vector width divides it
+
+/// What a sweep does with the force f = A in at each node, besides computing it.
+enum class Sweep : int {
+    product,   // out = f
+    residual,  // out = b - f where the node is free, else 0
+    smooth,    // d = momentum d + step D^-1 (b - f); out = in + d
+};
+
+/// Trilinear elements of one size, with their own moduli.
+struct ElasticCells {
+    std::size_t planes;      // of nodes
+    std::ptrdiff_t row, plane;  // floats from one node to the next along y and x
+    const float *lame, *shear;  // of each cell, times a 16th of its volume; 0 where there is none
+    float inverse[3];        // 1 / side
+    bool full;               // full integration instead of the mean dilatation of each cell
+};
+
+/// Nodes [first, last) of planes [begin, end), and what to do there.
+struct ElasticSweep {
+    std::size_t begin, end;
+    std::ptrdiff_t first, last;
+    const float *in[3], *b[3], *inverse_diagonal[3];
+    float *d[3], *out[3];
+    float momentum, step;
+    float *scratch;  // elastic_scratch(last - first, row) floats
+};
+
+/// Floats of scratch a sweep of so many nodes a plane takes.
+constexpr std::size_t elastic_scratch(std::ptrdiff_t nodes, std::ptrdiff_t row) {
+    return static_cast<std::size_t>(3 * (nodes + row + 3 * kElasticLanes) + 12 * (row + 4 * kElasticLanes));
+}
+
+/// A force per volume along a line: its profile at points of the line, spread by a Gaussian across it.
+struct LineLoad {
+    float direction[3];
+    const float *profile;
+    float first, per_length, last;  // place of the first value, values per length, the last interval's number
+    float inverse_width2;           // 1 / (2 width^2)
+};
+
+struct ElasticKernels {
+    /// Returns the sum over the nodes of in . f (product), in . b (residual) or out . b (smooth).
+    double (*sweep)(Sweep, const ElasticCells &, const ElasticSweep &);
+    /// d = step D^-1 b; out = d: smoothing from zero. Ranges as in a sweep.
+    void (*start)(const ElasticCells &, const ElasticSweep &);
+    /// x += factor y, over n floats
+    void (*add)(float factor, const float *y, float *x, std::size_t n);
+    /// x = y + factor x
+    void (*extend)(float factor, const float *y, float *x, std::size_t n);
+    /// x += factor y where mask > 0
+    void (*add_masked)(float factor, const float *y, const float *mask, float *x, std::size_t n);
+    /// Sum of the lengths of n vectors.
+    double (*lengths)(const float *x, const float *y, const float *z, std::size_t n);
+    /// out[i] = sum over j of weight[j] rows[j][i], i < n, j < count; added to what is there where `more`
+    void (*combine)(int count, const float *weight, const float *const *rows, float *out, std::size_t n, bool more);
+    /// The load at n points from `start` (relative to the line's origin) on, `step` apart along z.
+    void (*line_row)(const LineLoad &, const float start[3], float step, std::size_t n, float *out);
+};
+
+}  // namespace sono

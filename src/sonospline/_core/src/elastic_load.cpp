@@ -1,0 +1,96 @@
+#include "elastic_load.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "elastic_kernels.hpp"
+#include "kernels.hpp"
+#include "parallel.hpp"
+
+namespace sono {
+namespace {
+
+constexpr double kReach = 5.6;  // in widths: e^(-5.6^2 / 2) is 1.6e-7
+
+// Rows that come no nearer to the line than kReach stay zero.
+bool near_line(const float start[3], const LineLoad &line, float length, float reach) {
+    float across[3], turn[3], along = 0;
+    for (int a = 0; a < 3; ++a) along += start[a] * line.direction[a];
+    double b = 0, c = 0, a2 = 0;
+    for (int a = 0; a < 3; ++a) {
+        across[a] = start[a] - along * line.direction[a];
+        turn[a] = (a == 2) - line.direction[2] * line.direction[a];
+        a2 += turn[a] * turn[a], b += across[a] * turn[a], c += across[a] * across[a];
+    }
+    const double nearest = a2 > 1e-12 ? std::clamp(-b / a2, 0.0, static_cast<double>(length)) : 0;
+    return c + nearest * (2 * b + nearest * a2) < static_cast<double>(reach) * reach;
+}
+
+// Mass of linear elements along one axis: `count` values, `stride` apart, `width` of them side by side.
+void mass_along(float *values, std::size_t count, std::size_t stride, std::size_t width, float spacing) {
+    std::vector<float> before(width, 0.f), here(width);
+    const float sixth = spacing / 6;
+    for (std::size_t i = 0; i < count; ++i) {
+        float *const row = values + i * stride;
+        const float diagonal = i == 0 || i + 1 == count ? 2.f : 4.f;
+        std::copy_n(row, width, here.data());
+        if (i + 1 < count)
+            for (std::size_t q = 0; q < width; ++q) row[q] = sixth * (before[q] + diagonal * here[q] + row[q + stride]);
+        else
+            for (std::size_t q = 0; q < width; ++q) row[q] = sixth * (before[q] + diagonal * here[q]);
+        before.swap(here);
+    }
+}
+
+void mass_along_row(float *row, std::size_t count, float spacing) {
+    const float sixth = spacing / 6;
+    float before = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+        const float here = row[k], after = k + 1 < count ? row[k + 1] : 0;
+        row[k] = sixth * (before + (k == 0 || k + 1 == count ? 2.f : 4.f) * here + after);
+        before = here;
+    }
+}
+
+}  // namespace
+
+void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
+               const std::array<double, 3> &origin, const std::array<double, 3> &direction,
+               const float *profile, std::size_t count, double first, double interval, double width, float *out) {
+    LineLoad line{};
+    for (int a = 0; a < 3; ++a) line.direction[a] = static_cast<float>(direction[a]);
+    line.profile = profile, line.first = static_cast<float>(first);
+    line.per_length = static_cast<float>(1 / interval);
+    line.last = static_cast<float>(count - 2) + 0.9999f;
+    line.inverse_width2 = static_cast<float>(0.5 / (width * width));
+    const std::size_t row = shape[2], plane = shape[1] * row, size = shape[0] * plane;
+    const auto step = static_cast<float>(spacing[2]), length = step * static_cast<float>(row - 1);
+    const auto reach = static_cast<float>(kReach * width);
+    parallel_for(size > 40000 ? shape[0] : 1, [&](std::size_t block) {
+        const std::size_t end = size > 40000 ? block + 1 : shape[0];
+        for (std::size_t i = block; i < end; ++i) {
+            bool any = false;
+            for (std::size_t j = 0; j < shape[1]; ++j) {
+                float *const to = out + i * plane + j * row;
+                const float start[3] = {static_cast<float>(static_cast<double>(i) * spacing[0] - origin[0]),
+                                        static_cast<float>(static_cast<double>(j) * spacing[1] - origin[1]),
+                                        static_cast<float>(-origin[2])};
+                if (near_line(start, line, length, reach)) {
+                    kernels().elastic->line_row(line, start, step, row, to);
+                    mass_along_row(to, row, step);
+                    any = true;
+                } else {
+                    std::fill_n(to, row, 0.f);
+                }
+            }
+            if (any) mass_along(out + i * plane, shape[1], row, row, static_cast<float>(spacing[1]));
+        }
+    });
+    mass_along(out, shape[0], plane, plane, static_cast<float>(spacing[0]));
+    for (int a = 2; a >= 0; --a)
+        for (std::size_t i = 0; i < size; ++i)
+            out[static_cast<std::size_t>(a) * size + i] = line.direction[a] * out[i];
+}
+
+}  // namespace sono

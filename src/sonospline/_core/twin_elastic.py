@@ -1,0 +1,281 @@
+"""NumPy twin of the core's elastic solver: the same iteration on assembled sparse matrices.
+
+The strain energy of a trilinear cell is a sum of squares of its Walsh-Hadamard modes: with
+X_m the sum over the corners of u_x times the sign of the mode m, a = 1 / side and V the
+volume, the energy is V/32 times
+
+    lame  [ D^2 + full/3 (e1^2 + e2^2 + e3^2) + full/9 (...) ]
+    + shear [ squares of the strains' constant, linear and bilinear parts ]
+
+so that a matrix of a cell is ``lame * dilatation(spacing) + shear * distortion(spacing)``.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Level = tuple[tuple[float, float, float], Single, Single]
+"""Spacing, and the Lamé moduli of each cell (cx, cy, cz)."""
+
+_COARSEST_STEPS = 30
+_POWER_ITERATIONS = 15
+_MARGIN, _RANGE = 1.1, 20.0
+_CORNERS = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+_SIGNS = 2 * _CORNERS - 1
+
+
+@lru_cache(maxsize=64)
+def cell_matrices(spacing: tuple[float, float, float], full: bool) -> tuple[Array, Array]:
+    """Return the 24 x 24 stiffness of a cell for a unit first and second Lamé modulus.
+
+    Unknowns are ordered (component, corner), corners z fastest. ``full`` integrates the
+    dilatation over the cell instead of taking its mean (B-bar).
+    """
+    inverse, volume = 1 / np.array(spacing), float(np.prod(spacing))
+    linear = {axis: _SIGNS[:, axis] for axis in range(3)}
+    product = {(a, b): _SIGNS[:, a] * _SIGNS[:, b] for a in range(3) for b in range(a + 1, 3)}
+    bubble = _SIGNS.prod(axis=1)
+
+    def derivative(of: int, along: int) -> list[tuple[int, Array]]:
+        """d u_of / d x_along as (1, xi_b, xi_c, xi_b xi_c) parts: weight of the square, row of 24."""
+        b, c = (axis for axis in range(3) if axis != along)
+        parts = []
+        for key, sign in (
+            (0, linear[along]),
+            (1 + b, product[min(along, b), max(along, b)]),
+            (1 + c, product[min(along, c), max(along, c)]),
+            (4 + along, bubble),
+        ):
+            row = np.zeros(24)
+            row[8 * of : 8 * of + 8] = inverse[along] * sign
+            parts.append((key, row))
+        return parts
+
+    def squares(terms: list[list[tuple[int, Array]]]) -> Array:
+        """Mean over the cell of the square of a sum of derivatives, as a matrix."""
+        rows: dict[int, Array] = {}
+        for parts in terms:
+            for key, row in parts:
+                rows[key] = rows.get(key, np.zeros(24)) + row
+        mean = {0: 1.0, **dict.fromkeys((1, 2, 3), 1 / 3), **dict.fromkeys((4, 5, 6), 1 / 9)}
+        return sum((mean[key] * np.outer(row, row) for key, row in rows.items()), np.zeros((24, 24)))
+
+    trace = [derivative(a, a) for a in range(3)]
+    if not full:
+        trace = [[(key, row) for key, row in parts if key == 0] for parts in trace]
+    distortion = sum((2 * squares([derivative(a, a)]) for a in range(3)), np.zeros((24, 24)))
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        distortion = distortion + squares([derivative(a, b), derivative(b, a)])
+    return volume / 16 * squares(trace), volume / 16 * distortion
+
+
+def stiffness(level: Level, full: bool) -> Any:
+    """Return the assembled operator of a level as a sparse matrix over (component, node)."""
+    from scipy.sparse import coo_matrix
+
+    spacing, lame, shear = level
+    shape = tuple(n + 1 for n in lame.shape)
+    nodes = np.arange(np.prod(shape)).reshape(shape)
+    cx, cy, cz = lame.shape
+    corner = np.stack([nodes[i : cx + i, j : cy + j, k : cz + k].ravel() for i, j, k in _CORNERS], axis=1)
+    local = np.concatenate([corner + a * nodes.size for a in range(3)], axis=1)
+    dilatation, distortion = cell_matrices(tuple(map(float, spacing)), full)
+    entries = (
+        lame.ravel().astype(float)[:, None, None] * dilatation + shear.ravel().astype(float)[:, None, None] * distortion
+    )
+    rows, columns = np.repeat(local, 24, axis=1), np.tile(local, (1, 24))
+    return coo_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * nodes.size,) * 2).tocsr()
+
+
+def free_nodes(cells: tuple[int, ...], pinned: list[bool]) -> NDArray[np.bool_]:
+    """Return which nodes of a level may move, for pinned faces x-, x+, y-, y+, z-, z+."""
+    free = np.ones([n + 1 for n in cells], bool)
+    for axis in range(3):
+        along = np.moveaxis(free, axis, 0)
+        along[0] &= not pinned[2 * axis]
+        along[-1] &= not pinned[2 * axis + 1]
+    return free
+
+
+def axis_transfer(fine: int, coarse: int) -> Array:
+    """Return the linear interpolation (fine + 1, coarse + 1) between two divisions of an axis into cells."""
+    at = np.arange(fine + 1) * (coarse / fine)
+    first = np.minimum((at + 1e-9).astype(int), coarse - 1)
+    second = np.maximum(at - first, 0.0)
+    out = np.zeros((fine + 1, coarse + 1))
+    out[np.arange(fine + 1), first] = 1 - second
+    out[np.arange(fine + 1), first + 1] += second
+    return out
+
+
+class _Grid:
+    """One level: its operator on the free nodes, and its smoothing."""
+
+    def __init__(self, level: Level, pinned: list[bool], full: bool, degree: int) -> None:
+        self.cells = level[1].shape
+        self.shape = tuple(n + 1 for n in self.cells)
+        self.all = stiffness(level, full)
+        self.free = np.tile(free_nodes(self.cells, pinned).ravel(), 3)
+        self.matrix = self.all[self.free][:, self.free]
+        self.inverse_diagonal = 1 / self.matrix.diagonal()
+        self.steps = _chebyshev(self._largest_eigenvalue(), degree)
+
+    def smooth(self, right: Array, start: Array | None) -> Array:
+        """Chebyshev steps for matrix x = right."""
+        x = np.zeros_like(right) if start is None else start
+        d = np.zeros_like(right)
+        for momentum, step in self.steps:
+            d = momentum * d + step * self.inverse_diagonal * (right - self.matrix @ x)
+            x = x + d
+        return x
+
+    def _largest_eigenvalue(self) -> float:
+        seed, x = np.uint64(12345), np.empty(len(self.free))
+        for i in range(len(x)):
+            seed = (seed * np.uint64(1664525) + np.uint64(1013904223)) & np.uint64(0xFFFFFFFF)
+            x[i] = float(seed >> np.uint64(16)) / 65536 - 0.5
+        x = x[self.free]
+        largest = 1.0
+        for _ in range(_POWER_ITERATIONS):
+            ahead = self.matrix @ x
+            largest = float(np.sqrt(self.inverse_diagonal @ ahead**2))
+            x = self.inverse_diagonal * ahead / largest
+        return largest
+
+
+def _chebyshev(largest: float, degree: int) -> list[tuple[float, float]]:
+    high, low = _MARGIN * largest, largest / _RANGE
+    middle, half = (high + low) / 2, (high - low) / 2
+    rho = half / middle
+    steps = [(0.0, 1 / middle)]
+    for _ in range(degree - 1):
+        following = 1 / (2 * middle / half - rho)
+        steps.append((following * rho, 2 * following / half))
+        rho = following
+    return steps
+
+
+class ElasticMultigrid:
+    """Conjugate gradients preconditioned by a multigrid cycle, for elasticity on a lattice.
+
+    Parameters
+    ----------
+    levels : list of (spacing, lame, shear)
+        The finest level first: cell sides and both Lamé moduli (cx, cy, cz), float32.
+    pinned : list of bool
+        Which of the faces x-, x+, y-, y+, z-, z+ do not move.
+    full : bool
+        Integrate the dilatation fully instead of taking its mean over each cell.
+    degree : int
+        Chebyshev steps before and after each coarser level.
+    coarse_inverse : (m, m) ndarray
+        Inverse of the last level's operator over its free unknowns (component, node), or
+        (0, 0): then that level is smoothed 30 times.
+    """
+
+    def __init__(
+        self, levels: list[Level], pinned: list[bool], full: bool, degree: int, coarse_inverse: Single
+    ) -> None:
+        from scipy.sparse import kron
+
+        last = len(levels) - 1
+        self._grids = [
+            _Grid(level, pinned, full, _COARSEST_STEPS if i == last else degree) for i, level in enumerate(levels)
+        ]
+        self._coarse_inverse = coarse_inverse.astype(float)
+        self._prolongations = []
+        for fine, coarse in zip(self._grids[:-1], self._grids[1:], strict=True):
+            axes = [axis_transfer(*pair) for pair in zip(fine.cells, coarse.cells, strict=True)]
+            scalar = kron(kron(axes[0], axes[1]), axes[2])
+            self._prolongations.append(kron(np.eye(3), scalar).tocsr()[fine.free][:, coarse.free])
+
+    def iterate(self, load: Single, start: Single, iterations: int, estimate: bool) -> tuple[Single, list[float], bool]:
+        """Improve a displacement (3, nx, ny, nz) for a nodal load of that shape.
+
+        Returns the displacement; the mean of ``|V r|`` over that of ``|u|``, with the residual
+        before each iteration and, with ``estimate``, after the last; and whether the operator
+        proved positive throughout. The cycle V is nearly the inverse, so V r is what u lacked.
+        """
+        grid = self._grids[0]
+        b, u = load.reshape(-1)[grid.free].astype(float), start.reshape(-1)[grid.free].astype(float)
+        r = b - grid.matrix @ u
+        errors, sound, direction, old = [], True, np.zeros_like(u), 1.0
+
+        def note(missing: Array) -> None:
+            lacking, found = (np.linalg.norm(v.reshape(3, -1), axis=0).sum() for v in (missing, u))
+            errors.append(0.0 if lacking == 0 else float(lacking / found) if found > 0 else 1.0)
+
+        for iteration in range(iterations):
+            z = self._cycle(0, r)
+            size = float(r @ z)
+            direction = z + (size / old * direction if iteration else 0)
+            ahead = grid.matrix @ direction
+            stiff = float(direction @ ahead)
+            sound = sound and bool(np.isfinite(stiff)) and (stiff > 0 or size == 0)
+            step = size / stiff if stiff > 0 else 0.0
+            u = u + step * direction
+            r = r - step * ahead
+            old = size
+            note(z)
+        if estimate:
+            note(self._cycle(0, r))
+        out = np.zeros(len(grid.free), np.float32)
+        out[grid.free] = u
+        return out.reshape(3, *grid.shape), errors, sound and bool(np.isfinite(errors).all())
+
+    def product(self, values: Single) -> Single:
+        """Return the operator times (3, nx, ny, nz), reactions at the pinned nodes included."""
+        grid = self._grids[0]
+        return (grid.all @ values.reshape(-1).astype(float)).astype(np.float32).reshape(values.shape)
+
+    def _cycle(self, number: int, right: Array) -> Array:
+        grid = self._grids[number]
+        if number == len(self._grids) - 1:
+            return self._coarse_inverse @ right if len(self._coarse_inverse) else grid.smooth(right, None)
+        x = grid.smooth(right, None)
+        prolongation = self._prolongations[number]
+        x = x + prolongation @ self._cycle(number + 1, prolongation.T @ (right - grid.matrix @ x))
+        return grid.smooth(right, x)
+
+
+def line_load(
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    origin: tuple[float, float, float],
+    direction: tuple[float, float, float],
+    profile: Single,
+    first: float,
+    interval: float,
+    width: float,
+) -> Single:
+    """Return the nodal load (3, nx, ny, nz) of a force per volume along a line, by the consistent mass.
+
+    The force at p is ``direction profile(tau) exp(-d^2 / 2 width^2)`` with tau and d the place
+    along and the distance from the line through ``origin``; ``profile[i]`` is its value at
+    ``first + i interval``, linear between.
+    """
+    axes = [np.arange(n) * h - o for n, h, o in zip(shape, spacing, origin, strict=True)]
+    place = np.stack(np.meshgrid(*axes, indexing="ij"))
+    along = np.tensordot(np.array(direction), place, axes=1)
+    squared = ((place - np.multiply.outer(np.array(direction), along)) ** 2).sum(axis=0)
+    force = np.interp(along, first + interval * np.arange(len(profile)), profile)
+    force *= np.exp(-0.5 * squared / width**2)
+    for axis, h in enumerate(spacing):
+        force = mass_along(force, axis, h)
+    return np.multiply.outer(np.array(direction), force).astype(np.float32)
+
+
+def mass_along(values: Array, axis: int, spacing: float) -> Array:
+    """Return the consistent mass matrix of linear elements along one axis times nodal values."""
+    lines = np.moveaxis(values, axis, 0)
+    out = 4.0 * lines
+    out[[0, -1]] = 2.0 * lines[[0, -1]]
+    out[1:] += lines[:-1]
+    out[:-1] += lines[1:]
+    return np.moveaxis(out * spacing / 6, 0, axis)
