@@ -261,3 +261,76 @@ def test_any_needle_either_works_or_is_refused_in_one_line(volume_file, entry, t
         assert out.exists() == (code == 0)
         if code == 2:
             assert said.getvalue().count("\n") == 1
+
+
+@pytest.mark.parametrize("model", ["kelvinlet", "elastic"])
+def test_every_model_runs_on_the_phantom(model, tmp_path, capsys):
+    assert insert("--model", model, "--out", tmp_path / "out", "--json", *SMALL) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["model"] == model
+    assert 0.5 < printed["max_displacement_mm"] < 5
+    assert printed["inverse"]["unconverged_nodes"] == 0
+    if model == "elastic":
+        assert printed["error_estimate"] <= 5e-3
+        assert printed["boundary_drift_mm"] < 1e-3
+
+
+@pytest.fixture
+def label_files(tmp_path):
+    """A label image of fat over liver with a stone in it, and the names of its labels."""
+    voxels = np.ones((24, 20, 20), np.uint8)
+    voxels[8:], voxels[14:18, 8:12, 8:12] = 2, 3
+    write_volume(Volume(voxels=voxels, spacing=(2.0, 2.0, 2.0), origin=np.zeros(3)), tmp_path / "organs.nii.gz")
+    (tmp_path / "organs.csv").write_text("label,name,voxels\n1,fat,3200\n2,liver,6336\n3,bone,64\n")
+    return tmp_path / "organs.nii.gz"
+
+
+PATH = ["--entry", "0,18,18", "--target", "24,20,20"]
+
+
+def test_a_label_image_becomes_a_running_simulation(label_files, tmp_path, capsys):
+    arguments = ("--labels", label_files, "--model", "elastic", *PATH, "--out", tmp_path / "out", *SMALL)
+    assert insert(*arguments) == 0
+    assert "finite elements on" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["young_kpa"] == pytest.approx([3, 10000])
+    assert summary["max_displacement_mm"] > 1
+    assert not summary["small_strain"]  # a needle of 0.7 N in fat
+
+
+def test_without_a_path_the_needle_comes_from_the_front(label_files, tmp_path, capsys):
+    assert insert("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["entry_ras_mm"] == [23.0, 38.0, 19.0]
+    assert printed["target_ras_mm"] == [23.0, 19.0, 19.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--model", "elastic", "--set", "shaft_radius=3"], "--set belongs to --model paper, not to --model elastic"),
+        (["--drag", "2"], "--drag belongs to --model kelvinlet"),
+        (["--model", "elastic", "--poisson", "0.5"], "poissons_ratio = 0.5 is out of range"),
+        (["--model", "elastic", "--stiffness", "0"], "youngs_modulus = 0"),
+        (["--model", "elastic", "--labels", "absent.nii.gz"], "'absent.nii.gz' does not exist"),
+    ],
+)
+def test_a_model_refuses_what_is_not_its_own(arguments, message, tmp_path, capsys):
+    assert insert(*arguments, "--out", tmp_path / "out", *SMALL) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_nameless_label_is_refused_and_named(label_files, tmp_path, capsys):
+    label_files.with_name("organs.csv").write_text("label,name\n1,fat\n2,liver\n")
+    assert insert("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", *SMALL) == 2
+    assert "labels [3] have no name" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the shared abdominal label map is not on this machine")
+def test_a_real_abdomen_in_one_command(tmp_path, capsys):
+    labels = DATA / "abdomen_labels.nii.gz"
+    assert insert("--labels", labels, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["error_estimate"] <= 5e-3 and printed["max_displacement_mm"] > 0.5

@@ -8,6 +8,7 @@ from .grid import FACES, Grid
 from .grid_field import GridField
 from .insertion import Insertion
 from .interaction import NeedleTissueModel
+from .kelvinlet import DragModel, Kelvinlet, KelvinletField, KelvinletInsertion
 from .kernels import Biharmonic, Kernel, Triharmonic
 from .needle import Needle
 from .spline import PolyharmonicSpline
@@ -17,11 +18,15 @@ __all__ = [
     "FACES",
     "Biharmonic",
     "ComposedField",
+    "DragModel",
     "Field",
     "Grid",
     "GridField",
     "Insertion",
     "InverseReport",
+    "Kelvinlet",
+    "KelvinletField",
+    "KelvinletInsertion",
     "Kernel",
     "KernelField",
     "Needle",

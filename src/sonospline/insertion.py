@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
@@ -27,7 +28,29 @@ _LANDMARKS_AHEAD = 96
 """Landmarks factored before the needle wakes them."""
 
 
-class Insertion:
+class NeedleInsertion(ABC):
+    """What every model of an insertion offers: the field a needle leaves, pose after pose."""
+
+    tissue: Tissue
+    field: Field
+
+    @abstractmethod
+    def advance(self, needle: Needle) -> Field:
+        """Move the needle to a pose and return the field it leaves."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Take the needle out and let the tissue return to its undeformed state."""
+
+    def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
+        """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
+        _validate.count("steps", steps)
+        whole = Needle(entry, target)
+        self.tissue.check_inside(entry=whole.entry, target=whole.tip)
+        return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
+
+
+class Insertion(NeedleInsertion):
     """A needle insertion into a block of tissue, Algorithm 1.
 
     Each :meth:`advance` selects landmarks, gives them the displacement the needle causes
@@ -143,13 +166,6 @@ class Insertion:
             field, count = self._move_mesh(needle, plan)
         self.needle, self.plan, self.field, self.landmark_count = needle, plan, field, count
         return field
-
-    def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
-        """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
-        _validate.count("steps", steps)
-        whole = Needle(entry, target)
-        self.tissue.check_inside(entry=whole.entry, target=whole.tip)
-        return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
 
     def _plan_for(self, needle: Needle) -> LandmarkPlan:
         if self.plan is not None and self.needle is not None and _same_axis(self.needle, needle):

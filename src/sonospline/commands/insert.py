@@ -6,31 +6,31 @@ import argparse
 import json
 import platform
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _validate
+from ..elastic import ElasticInsertion, TissueMap
+from ..elastic.strain import SMALL
 from ..field import Field
 from ..figure import draw_insertion
 from ..grid_field import GridField
-from ..insertion import Insertion
-from ..interaction import NeedleTissueModel
+from ..insertion import Insertion, NeedleInsertion
 from ..io.staging import staged_folder
 from ..io.transforms import ImageWarp
 from ..io.volumes import RAS_TO_LPS, read_volume, suffix_of, write_volume
 from ..io.vtk import write_vti
-from ..kernels import Biharmonic, Triharmonic
 from ..needle import Needle
 from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
 from ..volume import Volume
-from . import _parameters, _points
-from ._progress import bar, track
+from . import _models, _points
+from ._progress import track
 
 Array = NDArray[np.float64]
 
@@ -39,17 +39,17 @@ EXAMPLES = """examples:
   sonospline insert --out out                         # on a generated phantom
   sonospline insert --volume ct.nii.gz --entry 60,-20,15 --target 20,10,30 --out out
   sonospline insert --volume us.mha --frame IJK --entry 0,50,50 --target 90,55,50 --out out
+  sonospline insert --labels abdomen_labels.nii.gz --model elastic --out out
   sonospline insert --set shaft_displacement=3.5 --steps 40 --json --out out
 """
 _MANY_ANCHORS = 2000
-KERNELS = {"biharmonic": Biharmonic, "triharmonic": Triharmonic}
 
 
 @dataclass(frozen=True)
 class Outcome:
     """A finished insertion and how long its steps took."""
 
-    insertion: Insertion
+    insertion: NeedleInsertion
     needle: Needle
     field: Field
     step_ms: list[float]
@@ -66,32 +66,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how = parser.add_argument_group("how")
     how.add_argument("--steps", type=int, default=20, metavar="N", help="insertion steps (20)")
     how.add_argument("--nodes", type=int, default=150_000, metavar="N", help="grid nodes, about (150000)")
-    how.add_argument("--parameters", type=Path, metavar="FILE", help="model parameters, TOML (Table I)")
-    how.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one model parameter, mm")
-    how.add_argument("--kernel", default="biharmonic", choices=tuple(KERNELS), help="spline kernel (biharmonic)")
-    how.add_argument("--smoothing", type=float, default=0.0, metavar="S", help="0 meets every landmark (0)")
-    how.add_argument("--anchors", default="5", metavar="N|all", help="anchors a face side, or every face node (5)")
-    how.add_argument("--max-landmarks", type=int, default=300, metavar="N", help="most landmarks (300)")
-    how.add_argument(
-        "--accumulation",
-        default="maximum",
-        choices=("maximum", "incremental"),
-        help="map from the reference, or Algorithm 1's moving mesh (maximum)",
-    )
     how.add_argument("--seed", type=int, default=0, help="seed of the phantom's speckle (0)")
+    _models.add_arguments(parser)
     what = parser.add_argument_group("what comes out")
     what.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     what.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
     what.add_argument("--quiet", action="store_true", help="no progress bar")
+    parser.set_defaults(defaults=vars(parser.parse_args(["--out", "."])))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its summary."""
     _validate.count("seed", args.seed, least=0)
+    _models.check(args, args.defaults)
     suffix = suffix_of(args.volume) if args.volume else ".nrrd"
-    volume = read_volume(args.volume) if args.volume else layered_block(args.seed)
+    tissues = _models.read_tissues(args)
+    volume = _volume(args, tissues)
     path = _needle(args, volume)
-    insertion = _insertion(args, volume, path)
+    insertion = _insertion(args, volume, path, tissues)
     with staged_folder(args.out) as folder:
         outcome = _insert(insertion, path, args)
         return _write(outcome, volume, folder, f"warped{suffix}", args)
@@ -103,22 +95,39 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
     inverse = summary["inverse"]
     lines = [
         f"tissue        {summary['nodes']:,} nodes ({shape}), {summary['entry_face']} free",
-        f"needle        {summary['depth_mm']:.1f} mm in {summary['steps']} steps, "
-        f"{summary['landmarks']} landmarks, {summary['anchors']} anchors",
+        f"needle        {summary['depth_mm']:.1f} mm in {summary['steps']} steps, " + _about_model(summary),
         f"step          {summary['step_ms']['median']:.1f} ms median, {summary['step_ms']['p95']:.1f} ms p95 "
         f"({summary['backend']}, {summary['instruction_set']})",
         f"displacement  {summary['max_displacement_mm']:.2f} mm at most, "
         f"pinned faces drift {summary['boundary_drift_mm']:.3f} mm",
         f"folding       smallest det J {summary['smallest_det_jacobian']:.3f}",
     ]
+    lines += _strain_line(summary)
     if inverse["unconverged_nodes"]:
         lines.append(f"inverse       NOT found at {inverse['unconverged_nodes']} nodes; the image is unwarped there")
     return "\n".join([*lines, f"picture       {args.out / 'figure.png'}"])
 
 
+def _about_model(summary: dict[str, Any]) -> str:
+    if summary["model"] != "elastic":
+        return f"{summary['landmarks']} landmarks, {summary['anchors']} anchors"
+    solver = " x ".join(map(str, summary["solver_shape"]))
+    return f"finite elements on {solver} nodes, error estimate {100 * summary['error_estimate']:.1f} %"
+
+
+def _strain_line(summary: dict[str, Any]) -> list[str]:
+    if summary.get("small_strain", True):
+        return []
+    place = ", ".join(f"{x:.0f}" for x in summary["largest_strain_ras_mm"])
+    return [
+        f"strain        {summary['largest_strain']:.2f} at ({place}) mm: beyond {SMALL:g}, where the linear theory "
+        "is a rough guide"
+    ]
+
+
 def _needle(args: argparse.Namespace, volume: Volume) -> Needle:
     if args.entry is None and args.target is None and args.volume is None:
-        return default_needle()
+        return default_needle() if args.labels is None else _anterior_needle(volume)
     for name in ("entry", "target"):
         if getattr(args, name) is None:
             centre = ",".join(f"{x:.0f}" for x in volume.lattice.world(volume.lattice.extent[None] / 2)[0])
@@ -129,6 +138,16 @@ def _needle(args: argparse.Namespace, volume: Volume) -> Needle:
     return Needle(entry, target)
 
 
+def _anterior_needle(volume: Volume) -> Needle:
+    """From the middle of the face that looks most to the front (RAS +y) to the middle of the box."""
+    lattice = volume.lattice
+    axis = int(np.abs(lattice.direction[1]).argmax())
+    middle = lattice.extent / 2
+    entry = middle.copy()
+    entry[axis] = lattice.extent[axis] if lattice.direction[1, axis] > 0 else 0.0
+    return Needle(*lattice.world(np.stack([entry, middle])))
+
+
 def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
     point = _points.parse(name, text)
     if frame == "IJK":
@@ -136,41 +155,28 @@ def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
     return RAS_TO_LPS @ point if frame == "LPS" else point
 
 
-def _insertion(args: argparse.Namespace, volume: Volume, path: Needle) -> Insertion:
+def _volume(args: argparse.Namespace, tissues: TissueMap | None) -> Volume:
+    """The image to deform: the one given, else one that shows the labelled tissue, else the phantom."""
+    if args.volume:
+        return read_volume(args.volume)
+    return layered_block(args.seed) if tissues is None else tissues.stiffness_image()
+
+
+def _insertion(args: argparse.Namespace, volume: Volume, path: Needle, tissues: TissueMap | None) -> NeedleInsertion:
     grid = volume.grid(_validate.count("--nodes", args.nodes, least=8))
     face = grid.nearest_face(path.entry) if args.entry_face == "auto" else args.entry_face
-    preset = NeedleTissueModel.paper_incremental if args.accumulation == "incremental" else NeedleTissueModel.paper
-    model = _parameters.apply(preset(grid.side), args.parameters, args.set, grid.side)
-    anchors = _anchors(args.anchors)
-    with bar("factoring the faces", quiet=args.quiet or anchors != "all") as progress:
-        return Insertion(
-            Tissue(grid, entry_face=face),
-            model,
-            kernel=KERNELS[args.kernel](),
-            anchors=anchors,
-            max_landmarks=args.max_landmarks,
-            smoothing=args.smoothing,
-            accumulation=args.accumulation,
-            progress=progress,
-        )
+    return _models.make(args, Tissue(grid, entry_face=face), tissues)
 
 
-def _anchors(text: str) -> int | Literal["all"]:
-    if text == "all":
-        return "all"
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"--anchors {text!r} is not a number; give anchors along a face side, or all") from None
-
-
-def _insert(insertion: Insertion, path: Needle, args: argparse.Namespace) -> Outcome:
+def _insert(insertion: NeedleInsertion, path: Needle, args: argparse.Namespace) -> Outcome:
     step_ms = []
     steps = insertion.run(path.entry, path.tip, args.steps)
     for _ in track(range(args.steps), args.steps, "inserting", quiet=args.quiet):
         start = time.perf_counter()
         next(steps).on_grid()
         step_ms.append(1e3 * (time.perf_counter() - start))
+    if isinstance(insertion, ElasticInsertion):
+        insertion.settle()  # the needle rests at its target
     return Outcome(insertion, path, insertion.field, step_ms)
 
 
@@ -181,7 +187,7 @@ def _write(
     displacement = outcome.field.on_grid()
     det = np.linalg.det(outcome.field.jacobian(grid.points)).reshape(grid.shape)
     # With every face node a landmark, summing at each iterate would take minutes.
-    many = len(outcome.insertion.anchors) > _MANY_ANCHORS
+    many = isinstance(outcome.insertion, Insertion) and len(outcome.insertion.anchors) > _MANY_ANCHORS
     warp = ImageWarp.of(GridField.of(outcome.field, "accurate") if many else outcome.field)
     warped = warp.apply(volume)
     write_volume(warped, folder / warped_name)
@@ -195,7 +201,7 @@ def _write(
     )
     draw_insertion(volume, warped, moved, outcome.needle, folder / "figure.png")
     summary = {
-        "volume": str(args.volume) if args.volume else "phantom",
+        "volume": str(args.volume or args.labels or "phantom"),
         "entry_ras_mm": outcome.needle.entry.tolist(),
         "target_ras_mm": outcome.needle.tip.tolist(),
         "depth_mm": outcome.needle.depth,
@@ -203,8 +209,8 @@ def _write(
         "grid_shape": grid.shape,
         "grid_spacing_mm": grid.spacing,
         "entry_face": outcome.insertion.tissue.entry_face,
-        "landmarks": outcome.insertion.landmark_count,
-        "anchors": len(outcome.insertion.anchors),
+        "model": args.model,
+        **_models.facts(outcome.insertion, args),
         "steps": args.steps,
         "step_ms": {
             "median": float(np.median(outcome.step_ms)),
@@ -218,9 +224,6 @@ def _write(
             "iterations": warp.report.iterations,
             "residual_mm": warp.report.residual,
         },
-        "accumulation": args.accumulation,
-        "kernel": args.kernel,
-        "model_mm": asdict(outcome.insertion.model),
         "backend": _core.backend(),
         "instruction_set": _core.instruction_set(),
         "seed": args.seed,

@@ -19,6 +19,8 @@ from ..needle import Needle
 
 Array = NDArray[np.float64]
 
+_MILLI = 1000.0
+"""Millinewtons in a newton: kPa times square millimetres are mN."""
 _TIE = 1e-9
 """Nodes this near to being level with an end of the shaft, in needle lengths, count as level."""
 
@@ -93,6 +95,20 @@ class LineForce(Load):
         modulus = _validate.number("youngs_modulus", youngs_modulus, positive=True)
         unit = cls()
         return cls(unit.friction * modulus * side, unit.tip_force * modulus * side**2, unit.width * side)
+
+    @classmethod
+    def physical(cls, *, friction_n_per_mm: float, tip_force_n: float, width_mm: float) -> LineForce:
+        """Return the load of a friction in N/mm and a tip force in N, for lengths in mm and moduli in kPa.
+
+        Examples
+        --------
+        >>> from sonospline.fem import LineForce
+        >>> LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5)
+        LineForce(friction=30.0, tip_force=700.0, width=5.0)
+        """
+        friction = _validate.number("friction_n_per_mm", friction_n_per_mm)
+        force = _validate.number("tip_force_n", tip_force_n)
+        return cls(_MILLI * friction, _MILLI * force, _validate.number("width_mm", width_mm, positive=True))
 
     @property
     def finest_length(self) -> float:

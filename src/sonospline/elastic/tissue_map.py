@@ -1,0 +1,198 @@
+"""Labelled tissue: which material is where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..grid import FACES, Grid, face_slice
+from ..io.volumes import read_volume
+from ..volume import Volume
+from .materials import MaterialTable, TissueMaterial, read_label_names
+from .moduli import Moduli
+
+Array = NDArray[np.float64]
+
+_MOST_SAMPLES = 3
+"""Samples of the label map along each axis of a cell, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class TissueMap:
+    """A label image and the material of each label.
+
+    Parameters
+    ----------
+    labels : Volume
+        Whole numbers; where the image ends, its border's labels go on.
+    materials : mapping of int to TissueMaterial
+        One for each label that occurs.
+
+    Raises
+    ------
+    ValueError
+        Labels that are not whole numbers, or one without a material.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> from sonospline.elastic import TissueMap, scene
+    >>> tissues = scene("layers")
+    >>> sorted(tissues.materials), tissues.moduli(ss.Grid.unit_cube(13)).shear.shape
+    ([0, 1, 2], (12, 12, 12))
+    """
+
+    labels: Volume
+    materials: Mapping[int, TissueMaterial]
+
+    def __post_init__(self) -> None:
+        voxels = self.labels.voxels
+        if not np.issubdtype(voxels.dtype, np.integer):
+            if not (voxels == np.rint(voxels)).all():
+                raise ValueError(f"labels has voxels of type {voxels.dtype}; give whole numbers, a label image")
+            object.__setattr__(self, "labels", self._with(voxels.astype(np.int32)))
+        missing = sorted(set(self._present) - set(self.materials))
+        if missing:
+            raise ValueError(f"labels {missing} have no material; add them to those of {sorted(self.materials)}")
+
+    @classmethod
+    def read(
+        cls, labels: str | Path, *, names: str | Path | None = None, materials: str | Path | None = None
+    ) -> TissueMap:
+        """Read a label image, the names of its labels and a table of materials.
+
+        Parameters
+        ----------
+        labels : path
+            Any image SimpleITK reads.
+        names : path, optional
+            CSV with the columns ``label`` and ``name``; by default the file beside the image
+            with its name and the suffix ``.csv``. Label 0 is soft tissue where it has no name.
+        materials : path, optional
+            TOML, see :meth:`MaterialTable.read`; by default the assumed ones.
+
+        Raises
+        ------
+        ValueError
+            A file that cannot be read, or a label without a name or a material.
+        """
+        labels = Path(labels)
+        volume = read_volume(labels)
+        beside = labels.with_name(labels.name.split(".")[0] + ".csv")
+        if names is None and not beside.is_file():
+            raise ValueError(f"labels = {str(labels)!r} has no {beside.name} beside it; give the names of its labels")
+        by_name = MaterialTable.assumed() if materials is None else MaterialTable.read(materials)
+        return cls.named(volume, read_label_names(beside if names is None else names), by_name)
+
+    @classmethod
+    def named(cls, labels: Volume, names: Mapping[int, str], table: MaterialTable) -> TissueMap:
+        """Return a map whose labels have names, and whose names have materials."""
+        present = [int(label) for label in np.unique(labels.voxels)]
+        nameless = [label for label in present if label not in names]
+        if nameless:
+            raise ValueError(f"labels {nameless} have no name; known are {', '.join(map(str, sorted(names)))}")
+        return cls(labels, {label: table[names[label]] for label in present})
+
+    def moduli(self, grid: Grid) -> Moduli:
+        """Return the moduli of a grid's cells: geometric means of what a cell holds, bone by majority.
+
+        Raises
+        ------
+        ValueError
+            The label image and the grid do not overlap, or a fluid reaches every face of the box.
+        """
+        share = _Samples(self.labels, self._places, grid)
+        place = share.places
+        table = [self.materials[label] for label in self._present]
+        rigid = np.array([material.rigid for material in table])
+        logs = np.log([material.lame_moduli for material in table] + np.array([1e-30, 0.0]))
+        self._refuse_leaking(share.mean(np.array([m.fluid for m in table], float)[place]), grid)
+        if not rigid.any():
+            lame, shear = (np.exp(share.mean(column[place])) for column in logs.T)
+            return Moduli(grid, lame, shear)
+        hard = rigid.astype(float)[place]
+        bone = share.mean(hard)
+        moduli = []
+        for column in logs.T:
+            soft = share.mean((column * ~rigid)[place]) / np.maximum(1 - bone, 1e-9)
+            stiff = share.mean((column * rigid)[place]) / np.maximum(bone, 1e-9)
+            moduli.append(np.exp(np.where(bone >= 0.5, stiff, soft)))
+        return Moduli(grid, moduli[0], moduli[1])
+
+    def at(self, points: Array) -> list[TissueMaterial]:
+        """Return the material at each of the world points (m, 3)."""
+        index = np.rint(self.labels.index(points)).astype(int)
+        index = np.clip(index, 0, np.array(self.labels.voxels.shape) - 1)
+        return [self.materials[int(label)] for label in self.labels.voxels[tuple(index.T)]]
+
+    def stiffness_image(self) -> Volume:
+        """Return the logarithm to base ten of Young's modulus in kPa, as an image to look at."""
+        table = np.zeros(max(self._present) - min(self._present) + 1, np.float32)
+        for label in self._present:
+            table[label - min(self._present)] = np.log10(self.materials[label].stiffness_kpa)
+        return self._with(table[self.labels.voxels.astype(np.int64) - min(self._present)])
+
+    @cached_property
+    def _present(self) -> list[int]:
+        return [int(label) for label in np.unique(self.labels.voxels)]
+
+    @cached_property
+    def _places(self) -> NDArray[np.intp]:
+        """Number of each voxel's label among those present."""
+        return np.searchsorted(self._present, self.labels.voxels)
+
+    def _with(self, voxels: NDArray[Any]) -> Volume:
+        at = self.labels
+        return Volume(voxels=voxels, spacing=at.spacing, origin=at.origin, direction=at.direction)
+
+    def _refuse_leaking(self, fluid: Array, grid: Grid) -> None:
+        touched = [face for face in FACES if (fluid[face_slice(face)] >= 0.5).any()]
+        if len(touched) == len(FACES):
+            raise ValueError(
+                "labels: the fluid reaches every face of the box, so nothing holds it; crop the box or "
+                "make its material solid"
+            )
+
+
+class _Samples:
+    """Voxels of an image at regular places in the cells of a grid, and means over the cells."""
+
+    def __init__(self, labels: Volume, voxels: NDArray[np.intp], grid: Grid) -> None:
+        per_voxel = np.array(grid.spacing) / labels.spacing
+        self._count = np.clip(np.ceil(per_voxel - 1e-6), 1, _MOST_SAMPLES).astype(int)
+        cells = np.array(grid.shape) - 1
+        axes = [
+            (np.arange(cells * count) + 0.5) * (h / count)
+            for cells, count, h in zip(cells, self._count, grid.spacing, strict=True)
+        ]
+        turn = labels.lattice.direction.T @ grid.direction
+        start = labels.index(grid.origin[None])[0]
+        last = np.array(labels.voxels.shape) - 1
+        if np.allclose(turn, np.eye(3), atol=1e-9):
+            index = [start[a] + axes[a] / labels.spacing[a] for a in range(3)]
+            inside = [((i >= -0.5) & (i <= n + 0.5)).any() for i, n in zip(index, last, strict=True)]
+            nearest = [np.clip(np.rint(i), 0, n).astype(int) for i, n in zip(index, last, strict=True)]
+            found = voxels[np.ix_(*nearest)]
+            overlaps = all(inside)
+        else:
+            local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+            index_at = start + local @ turn.T / labels.spacing
+            overlaps = bool(((index_at >= -0.5) & (index_at <= last + 0.5)).all(axis=-1).any())
+            near = np.clip(np.rint(index_at), 0, last).astype(int)
+            found = voxels[tuple(np.moveaxis(near, -1, 0))]
+        if not overlaps:
+            raise ValueError("labels do not overlap the tissue's box; give a label image of the same patient and frame")
+        self.places = found
+
+    def mean(self, values: Array) -> Array:
+        """Return the mean over each cell of values at the samples."""
+        for axis, count in enumerate(self._count):
+            lines = np.moveaxis(values, axis, 0)
+            values = np.moveaxis(sum(lines[k::count] for k in range(count)) / count, 0, axis)
+        return values

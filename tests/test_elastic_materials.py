@@ -1,0 +1,153 @@
+"""Label maps and tables of materials: what a cell is made of, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from sonospline.elastic import ElasticSolver, MaterialTable, TissueMap, TissueMaterial, largest_strain, scene
+from sonospline.elastic.materials import FLUID_SHEAR, read_label_names
+from sonospline.volume import Volume
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+SOFT, STIFF = TissueMaterial(stiffness_kpa=1), TissueMaterial(stiffness_kpa=16)
+BONE = TissueMaterial(stiffness_kpa=1000, rigid=True)
+
+
+def halves(fraction, low, high, voxels=64, axis=0):
+    """A unit cube of two materials that meet at a fraction of its side."""
+    labels = np.zeros((voxels,) * 3, np.int16)
+    np.moveaxis(labels, axis, 0)[round(fraction * voxels) :] = 7
+    volume = Volume(voxels=labels, spacing=(1 / voxels,) * 3, origin=(0.5 / voxels,) * 3)
+    return TissueMap(volume, {0: low, 7: high})
+
+
+def shear_along(tissues, nodes=5):
+    return tissues.moduli(ss.Grid.unit_cube(nodes)).shear[:, 1, 1]
+
+
+def test_a_mixed_cell_is_the_geometric_mean_of_what_it_holds():
+    soft, stiff = SOFT.lame_moduli[1], STIFF.lame_moduli[1]
+    third = shear_along(halves(0.25 + 1 / 12, SOFT, STIFF, voxels=48), nodes=5)  # a third of the second cell is soft
+    np.testing.assert_allclose(third, [soft, soft ** (1 / 3) * stiff ** (2 / 3), stiff, stiff], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("fraction", "hard"), [(0.25 + 1 / 12, True), (0.25 + 2 / 12, False)])
+def test_bone_takes_a_cell_by_majority(fraction, hard):
+    second = shear_along(halves(fraction, SOFT, BONE, voxels=48))[1]
+    assert second == pytest.approx((BONE if hard else SOFT).lame_moduli[1])
+
+
+def test_a_fluid_shears_freely_at_constant_volume():
+    water = TissueMaterial(stiffness_kpa=4, fluid=True)
+    solid = TissueMaterial(stiffness_kpa=4)
+    assert water.lame_moduli[0] == solid.lame_moduli[0]
+    assert water.lame_moduli[1] == pytest.approx(FLUID_SHEAR * solid.lame_moduli[1])
+
+
+def test_a_label_map_in_another_frame_is_resampled(a_rotation):
+    tissues = halves(0.5, SOFT, STIFF)
+    turned = Volume(
+        voxels=tissues.labels.voxels,
+        spacing=tissues.labels.spacing,
+        origin=a_rotation @ tissues.labels.origin,
+        direction=a_rotation,
+    )
+    grid = ss.Grid(shape=(5, 5, 5), spacing=0.25, direction=a_rotation)
+    expected = tissues.moduli(ss.Grid.unit_cube(5)).shear
+    np.testing.assert_allclose(TissueMap(turned, tissues.materials).moduli(grid).shear, expected, rtol=1e-6)
+    straight = ss.Grid(shape=(5, 5, 5), spacing=0.1, origin=a_rotation @ [0.5, 0.5, 0.5] - 0.2)
+    assert TissueMap(turned, tissues.materials).moduli(straight).shear.max() > SOFT.lame_moduli[1]
+
+
+def test_a_label_map_elsewhere_is_refused():
+    tissues = halves(0.5, SOFT, STIFF)
+    elsewhere = ss.Grid(shape=(5, 5, 5), spacing=0.25, origin=(10, 0, 0))
+    with pytest.raises(ValueError, match="labels do not overlap the tissue's box"):
+        tissues.moduli(elsewhere)
+
+
+def test_a_fluid_at_every_face_is_refused():
+    labels = np.zeros((16, 16, 16), np.int16)
+    labels[6:10, 6:10, 6:10] = 7
+    volume = Volume(voxels=labels, spacing=(1 / 16,) * 3, origin=(1 / 32,) * 3)
+    tissues = TissueMap(volume, {0: TissueMaterial(stiffness_kpa=4, fluid=True), 7: STIFF})
+    with pytest.raises(ValueError, match="the fluid reaches every face of the box"):
+        ElasticSolver(ss.Tissue(ss.Grid.unit_cube(9)), tissues, nodes=9**3)
+
+
+def test_a_label_without_material_is_named():
+    volume = halves(0.5, SOFT, STIFF).labels
+    with pytest.raises(ValueError, match=r"labels \[7\] have no material; add them to those of \[0\]"):
+        TissueMap(volume, {0: SOFT})
+    with pytest.raises(ValueError, match=r"labels \[7\] have no name; known are 0, 3"):
+        TissueMap.named(volume, {0: "liver", 3: "bone"}, MaterialTable.assumed())
+    with pytest.raises(ValueError, match=r"label 'unobtainium' has no material; .*use one of soft_tissue, skin"):
+        TissueMap.named(volume, {0: "liver", 7: "unobtainium"}, MaterialTable.assumed())
+
+
+def test_labels_that_are_no_whole_numbers_are_refused():
+    with pytest.raises(ValueError, match="voxels of type float64; give whole numbers"):
+        TissueMap(Volume(voxels=np.full((4, 4, 4), 0.5), spacing=(1, 1, 1)), {0: SOFT})
+
+
+def test_a_table_of_materials_is_read_and_joins_the_assumed_ones(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('[liver]\nstiffness_kpa = 7.5\nsource = "my elastography"\n["gland_*"]\nstiffness_kpa = 9\n')
+    table = MaterialTable.read(file)
+    assert (table["liver"].stiffness_kpa, table["liver"].source) == (7.5, "my elastography")
+    assert table["gland_left"].stiffness_kpa == 9
+    assert table["rib_right_9"].rigid and table["rib_right_9"].source == "assumed"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[liver]\nstiffness_kpa = -1", r"\[liver\] stiffness_kpa = -1 is out of range"),
+        ("[liver]\nstiffness = 1", r"\[liver\] has an unknown key 'stiffness'; use stiffness_kpa"),
+        ("[liver]\npoissons_ratio = 0.4", r"\[liver\] lacks stiffness_kpa"),
+        ("liver = 5", r"liver = 5 is not a table; write \[liver\]"),
+        ("[liver", "is not TOML"),
+    ],
+)
+def test_a_bad_table_is_refused_and_named(tmp_path, text, message):
+    file = tmp_path / "bad.toml"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        MaterialTable.read(file)
+
+
+def test_label_names_need_their_columns(tmp_path):
+    file = tmp_path / "names.csv"
+    file.write_text("number,tissue\n5,liver\n")
+    with pytest.raises(ValueError, match="lacks columns label,name"):
+        read_label_names(file)
+    with pytest.raises(ValueError, match="cannot be read"):
+        read_label_names(tmp_path / "absent.csv")
+
+
+def test_every_assumed_material_says_where_it_is_from():
+    assert all(material.source for material in MaterialTable.assumed().materials.values())
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the shared abdominal label map is not on this machine")
+def test_a_real_abdomen_becomes_tissue():
+    tissues = TissueMap.read(DATA / "abdomen_labels.nii.gz")
+    tissue = ss.Tissue(tissues.labels.grid(20_000), entry_face="y+")
+    solver = ElasticSolver(tissue, tissues, nodes=20_000)
+    assert solver.moduli.shear.max() / solver.moduli.shear.min() > 1000  # ribs against lung
+
+
+def test_the_strain_is_found_where_it_is_largest(a_tilted_grid):
+    values = np.zeros((*a_tilted_grid.shape, 3))
+    values[4, 3, 5] = 0.3
+    found = largest_strain(ss.GridField(a_tilted_grid, values))
+    assert not ss.GridField(a_tilted_grid, values).values[0].any()
+    assert np.abs(found.place - a_tilted_grid.node([[4, 3, 5]])).max() < max(a_tilted_grid.spacing)
+    assert found.largest > 0.02
+
+
+def test_scenes_hold_their_tissues():
+    for name, count in (("homogeneous", 1), ("layers", 3), ("body", 7)):
+        assert len(scene(name, voxels=48).materials) == count

@@ -1,0 +1,299 @@
+"""The elastic solver against finite elements by others, and against what must hold exactly."""
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from sonospline import _core
+from sonospline._core import twin_elastic
+from sonospline.elastic import (
+    SCENES,
+    ElasticInsertion,
+    ElasticSolver,
+    NotConvergedError,
+    TissueForce,
+    TissueMap,
+    TissueMaterial,
+    scene,
+    solver_grid,
+)
+from sonospline.elastic.load_vector import nodal_load
+from sonospline.fem import FiniteElementModel, LineForce, Material, ShaftDisplacement
+from sonospline.volume import Volume
+
+NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
+SMALL = 13**3
+
+
+def cube(nodes=13, **keywords):
+    return ss.Tissue(ss.Grid.unit_cube(nodes), **keywords)
+
+
+def assembled(solver, load):
+    """The displacement by a sparse direct solution of the same elements."""
+    from scipy.sparse.linalg import spsolve
+
+    level = (
+        solver.grid.spacing,
+        solver.moduli.lame.astype(np.float32),
+        solver.moduli.shear.astype(np.float32),
+    )
+    pinned = [face in solver.tissue.pinned_faces for face in ss.FACES]
+    free = np.tile(twin_elastic.free_nodes(level[1].shape, pinned).ravel(), 3)
+    matrix = twin_elastic.stiffness(level, solver.integration == "full")
+    found = np.zeros(len(free))
+    found[free] = spsolve(matrix[free][:, free].tocsc(), load.ravel()[free].astype(float))
+    return found.reshape(load.shape)
+
+
+def difference(found, expected):
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("ratio", "integration"),
+    [(0.30, "full"), (0.45, "full"), (0.30, "mean_dilatation"), (0.45, "mean_dilatation"), (0.49, "mean_dilatation")],
+)
+def test_the_converged_field_is_that_of_scikit_fem(backend, ratio, integration):
+    pytest.importorskip("skfem")
+    material = Material(2.0, ratio)
+    solver = ElasticSolver(cube(9), material, nodes=9**3, integration=integration)
+    model = FiniteElementModel(cube(9), material, integration=integration, solver="direct")
+    expected = np.moveaxis(model.solve(LineForce(), NEEDLE), -1, 0)
+    assert difference(solver.solve(LineForce(), NEEDLE, tolerance=1e-5).displacement, expected) < 1e-4
+
+
+@pytest.mark.parametrize("face", ["y-", "z+"])
+def test_another_face_is_free_and_the_box_any(face, a_rotation):
+    pytest.importorskip("skfem")
+    grid = ss.Grid(shape=(13, 9, 15), spacing=(8.0, 7.5, 8.2), origin=(-30, 12, 7), direction=a_rotation)
+    tissue = ss.Tissue(grid, entry_face=face)
+    inside = grid.world(grid.extent * [[0.4, 0.5, 0.6], [0.5, 0.5, 0.4]])
+    needle = ss.Needle(*inside)
+    load = LineForce(30.0, 700.0, 8.0)
+    solver = ElasticSolver(tissue, Material(10), nodes=13 * 9 * 15)
+    solver_tissue = ss.Tissue(solver.grid, entry_face=face)
+    expected = FiniteElementModel(solver_tissue, Material(10), integration="mean_dilatation", solver="direct").solve(
+        load, needle
+    )
+    state = solver.solve(load, needle, tolerance=1e-5)
+    assert difference(solver.field(state).values, expected) < 1e-4
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("ratio", [0.30, 0.45])
+def test_every_scene_converges_to_the_direct_solution(name, ratio):
+    solver = ElasticSolver(cube(), scene(name, voxels=48, poissons_ratio=ratio), nodes=SMALL)
+    state = solver.solve(LineForce(), NEEDLE, tolerance=3e-5)
+    assert difference(state.displacement, assembled(solver, state.load)) < 3e-4
+
+
+def test_a_contrast_of_a_million_converges():
+    tissues = scene("bone", voxels=48)
+    bone = TissueMaterial(stiffness_kpa=1e6, rigid=True)
+    solver = ElasticSolver(cube(), TissueMap(tissues.labels, {**tissues.materials, 1: bone}), nodes=SMALL)
+    state = solver.solve(LineForce(), NEEDLE, tolerance=3e-5)
+    assert difference(state.displacement, assembled(solver, state.load)) < 3e-4
+
+
+def test_the_load_is_the_consistent_one_of_the_reference_wherever_the_needle_points(a_tilted_grid):
+    low, high = a_tilted_grid.world(a_tilted_grid.extent * [[0.2, 0.3, 0.1], [0.7, 0.6, 0.8]])
+    load, needle = LineForce(30.0, 700.0, 2.5), ss.Needle(low, high)
+
+    class Plain(LineForce.__base__):  # the same force, without the way round through its axis
+        finest_length = 1.0
+
+        def __post_init__(self):
+            pass
+
+        def body_force(self, points, needle):
+            return load.body_force(points, needle)
+
+    found, expected = nodal_load(load, needle, a_tilted_grid), nodal_load(Plain(), needle, a_tilted_grid)
+    assert difference(found, expected) < 1e-4
+
+
+def test_the_pinned_faces_carry_the_whole_load():
+    solver = ElasticSolver(cube(), scene("body", voxels=48), nodes=SMALL)
+    state = solver.solve(LineForce(), NEEDLE, tolerance=1e-4)
+    total = state.load.reshape(3, -1).sum(axis=1, dtype=float)
+    assert np.linalg.norm(solver.reaction(state) + total) < 1e-3 * np.linalg.norm(total)
+
+
+def test_the_forces_are_the_newtons_asked_for():
+    tissue = ss.Tissue(ss.Grid(shape=(41, 41, 41), spacing=2.5))
+    needle = ss.Needle((20, 50, 50), (70, 50, 50))
+    load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5)
+    forces = nodal_load(load, needle, tissue.grid).reshape(3, -1).sum(axis=1, dtype=float)
+    np.testing.assert_allclose(forces, [1000 * (0.03 * 50 + 0.7), 0, 0], rtol=1e-4, atol=1e-3)
+
+
+def test_tissue_half_as_stiff_moves_twice_as_far():
+    states = [
+        ElasticSolver(cube(), scene("body", voxels=48, stiffness_kpa=e), nodes=SMALL).step(
+            ElasticSolver(cube(), nodes=SMALL).rest, LineForce(), NEEDLE
+        )
+        for e in (1.0, 0.5)
+    ]
+    assert difference(states[1].displacement, 2 * states[0].displacement) < 1e-6
+
+
+def test_tissues_of_one_friction_load_as_a_uniform_line(rng):
+    load = TissueForce(tissues=scene("layers", side=100), width=5.0)
+    uniform = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5.0)
+    needle, points = ss.Needle((0, 50, 50), (60, 50, 50)), rng.uniform(0, 100, (300, 3))
+    np.testing.assert_allclose(load.body_force(points, needle), uniform.body_force(points, needle), atol=1e-9)
+
+
+def test_friction_is_that_of_the_tissue_along_the_shaft():
+    tissues = scene("layers", side=90)
+    slippery = TissueMaterial(stiffness_kpa=1, friction_n_per_mm=0.0, cutting_force_n=0.2)
+    load = TissueForce(tissues=TissueMap(tissues.labels, {**tissues.materials, 1: slippery}))
+    assert load.total(ss.Needle((0, 45, 45), (45, 45, 45))) == pytest.approx(1000 * (0.03 * 30 + 0.2), rel=0.03)
+
+
+def frames(solver, count, needle=NEEDLE, state=None):
+    """States of an insertion in so many frames, and the converged displacement at the last."""
+    state = solver.rest if state is None else state
+    for k in range(1, count + 1):
+        state = solver.step(state, LineForce(), ss.Needle(needle.entry, needle.at(k / count)))
+        yield state
+
+
+def error_of(solver, state, tolerance=1e-5, needle=NEEDLE):
+    expected = solver.solve(LineForce(), needle, tolerance=tolerance).displacement
+    away = np.linalg.norm(state.displacement - expected, axis=0).mean()
+    return away / np.linalg.norm(expected, axis=0).mean()
+
+
+@pytest.mark.parametrize(("name", "limit"), [("homogeneous", 0.01), ("layers", 0.01), ("bone", 0.03), ("body", 0.04)])
+def test_one_iteration_a_frame_keeps_up_with_the_needle(name, limit):
+    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    *_, last = frames(solver, 40)
+    assert last.iterations == 1
+    assert error_of(solver, last) < limit
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_sudden_withdrawal_is_caught_within_three_iterations(name):
+    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    *_, deep = frames(solver, 40)
+    half = ss.Needle(NEEDLE.entry, NEEDLE.at(0.5))
+    found = solver.step(deep, LineForce(), half)
+    assert found.iterations <= 3
+    assert error_of(solver, found, needle=half) < 0.05
+
+
+def test_a_step_keeps_the_state_it_started_from():
+    solver = ElasticSolver(cube(), nodes=SMALL)
+    state = solver.step(solver.rest, LineForce(), NEEDLE)
+    before = state.displacement.copy()
+    solver.step(state, LineForce(), NEEDLE)
+    assert (state.displacement == before).all() and not solver.rest.displacement.any()
+    with pytest.raises(ValueError, match="read-only"):
+        state.displacement[:] = 0
+
+
+def test_a_needle_without_force_leaves_tissue_at_rest():
+    solver = ElasticSolver(cube(), nodes=SMALL)
+    pushed = solver.step(solver.rest, LineForce(), NEEDLE)
+    assert not solver.step(pushed, LineForce(0.0, 0.0), NEEDLE).displacement.any()
+
+
+def test_a_step_that_breaks_down_keeps_the_last_field(monkeypatch):
+    insertion = ElasticInsertion(cube(), Material(), nodes=SMALL)
+    field, state = insertion.advance(NEEDLE), insertion.state
+
+    def broken(*_):
+        return np.full_like(state.displacement, np.nan), [np.nan], False
+
+    class Broken:
+        iterate = staticmethod(broken)
+
+    monkeypatch.setattr(insertion.solver, "_multigrid", Broken)
+    with pytest.raises(NotConvergedError, match="last field is kept"):
+        insertion.advance(ss.Needle(NEEDLE.entry, (0.5, 0.5, 0.5)))
+    assert insertion.field is field and insertion.state is state
+
+
+def test_an_unreachable_tolerance_says_so(monkeypatch):
+    monkeypatch.setattr("sonospline.elastic.solver._MOST_ITERATIONS", 4)
+    solver = ElasticSolver(cube(), scene("bone", voxels=48), nodes=SMALL)
+    with pytest.raises(NotConvergedError, match=r"error estimate is .* above tolerance"):
+        solver.solve(LineForce(), NEEDLE, tolerance=1e-6)
+    with pytest.raises(ValueError, match="tolerance = 1e-09 is below what float32 resolves"):
+        solver.solve(LineForce(), NEEDLE, tolerance=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_published_error_is_the_true_one_within_a_factor_of_two(name):
+    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    ratios = []
+    for frame, state in enumerate(frames(solver, 40), 1):
+        if frame % 3 == 0:
+            needle = ss.Needle(NEEDLE.entry, NEEDLE.at(frame / 40))
+            ratios.append(state.error / error_of(solver, state, needle=needle))
+    assert min(ratios) > 0.5 and max(ratios) < 2
+
+
+def test_a_needle_outside_is_refused_and_named():
+    solver = ElasticSolver(cube(), nodes=SMALL)
+    with pytest.raises(ValueError, match=r"tip = \[1.2, 0.5, 0.5\] lies outside the tissue"):
+        solver.step(solver.rest, LineForce(), ss.Needle((0, 0.5, 0.5), (1.2, 0.5, 0.5)))
+
+
+def test_a_prescribed_displacement_is_refused():
+    solver = ElasticSolver(cube(), nodes=SMALL)
+    with pytest.raises(ValueError, match="is not a force; give a LineForce"):
+        solver.step(solver.rest, ShaftDisplacement(), NEEDLE)
+
+
+def test_cells_halve_well_and_are_nearly_cubic():
+    for extent, nodes in (((100, 100, 100), 25**3), ((366, 303, 90), 30_000), ((100, 10, 35), 20_000)):
+        grid = solver_grid(ss.Grid.covering(extent, nodes=1000), nodes)
+        cells = np.array(grid.shape) - 1
+        assert all(n // 2 ** int(np.log2(n & -n)) <= 7 for n in cells)
+        assert max(grid.spacing) < 1.45 * min(grid.spacing)
+        assert 0.6 < grid.node_count / nodes < 1.7
+        np.testing.assert_allclose(grid.extent, extent)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ElasticSolver(cube(), Material(1, 0.495)), r"poissons_ratio = 0.495 is out of range; give 0 to 0.49"),
+        (lambda: TissueMaterial(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
+        (lambda: TissueMaterial(stiffness_kpa=1, poissons_ratio=0.5), "poissons_ratio = 0.5 is out of range"),
+        (
+            lambda: ElasticSolver(ss.Tissue(ss.Grid(shape=(23, 3, 12), spacing=(1, 1, 1)))),
+            r"longest to shortest 11.0; give a box of at most 10 to 1",
+        ),
+        (lambda: ElasticSolver(cube(), "liver"), "material = 'liver' is none; give a Material"),
+        (lambda: ElasticSolver(cube(), integration="reduced"), "integration = 'reduced' is not known"),
+        (lambda: ElasticSolver("cube"), "tissue = 'cube' is not a Tissue"),
+    ],
+)
+def test_bad_input_is_refused_before_any_work(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_too_large_a_contrast_is_refused():
+    voxels = np.zeros((8, 8, 8), np.uint8)
+    voxels[4:] = 1
+    materials = {0: TissueMaterial(stiffness_kpa=1), 1: TissueMaterial(stiffness_kpa=1e7, rigid=True)}
+    tissues = TissueMap(Volume(voxels=voxels, spacing=(1 / 8,) * 3, origin=(1 / 16,) * 3), materials)
+    with pytest.raises(ValueError, match=r"differ by 1e\+07 times; give a contrast of at most 1e\+06"):
+        ElasticSolver(cube(), tissues, nodes=SMALL)
+
+
+def test_the_twin_runs_the_same_insertion(monkeypatch):
+    if _core.native is None:
+        pytest.skip("the compiled core is not built")
+    found = []
+    for backend in (_core.native, _core.twin):
+        monkeypatch.setattr(_core, "active", backend)
+        solver = ElasticSolver(cube(9), scene("layers", voxels=24), nodes=9**3)
+        *_, last = frames(solver, 5)
+        found.append(solver.field(last).on_grid())
+    assert difference(found[0], found[1]) < 2e-5
