@@ -12,7 +12,7 @@ from .moduli import Moduli
 
 Array = NDArray[np.float64]
 
-_DENSE = 450
+_DENSE = 800
 """Unknowns up to which a level is inverted."""
 _EVEN = 1.5
 """An axis is halved while its cells are at most so much longer than the shortest."""

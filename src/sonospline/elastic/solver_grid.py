@@ -10,7 +10,7 @@ from ..grid import Grid
 FLATTEST = 10.0
 """Longest over shortest side of a box, at most."""
 
-_COUNTS = np.array(sorted({m << k for m in (4, 5, 6, 7) for k in range(8)}))
+_COUNTS = np.array(sorted({m << k for m in (4, 5, 6, 7, 13) for k in range(8)}))
 """Cells along an axis: a small number times a power of two."""
 
 

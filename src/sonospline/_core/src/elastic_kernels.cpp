@@ -167,7 +167,7 @@ template <Sweep kSweep, bool kCube, bool kFull> class Sweeper {
     Sweeper(const ElasticCells &cells, const ElasticSweep &work)
         : cells_(cells), work_(work), law_(cells.inverse), scale_(kCube ? cells.inverse[0] * cells.inverse[0] : 1) {
         begin_ = work.first - (cells.row + kWidth) / kWidth * kWidth;  // the row of cells below, and a cell more
-        count_ = work.last - begin_ + kWidth;
+        count_ = (work.last - begin_ + 2 * kWidth - 1) / kWidth * kWidth;
         right_ = work.scratch + 12 * Above::size(cells.row);
     }
 
@@ -347,33 +347,51 @@ double lengths(const float *x, const float *y, const float *z, std::size_t n) {
     return total;
 }
 
-// kCount vectors stay in registers over all rows.
+// kCount vectors at the given places stay in registers over all rows.
 template <int kCount>
-inline void combine_vectors(int count, const float *weight, const float *const *rows, std::size_t at, float *out,
+inline void combine_vectors(int count, const float *weight, const float *const *rows, const std::size_t *at, float *out,
                             bool more) {
     VecF sum[kCount];
-    for (int v = 0; v < kCount; ++v) sum[v] = more ? load(out + at + v * kWidth) : VecF{};
+    for (int v = 0; v < kCount; ++v) sum[v] = more ? load(out + at[v]) : VecF{};
     for (int j = 0; j < count; ++j) {
         const VecF w = splat(weight[j]);
-        for (int v = 0; v < kCount; ++v) sum[v] += w * load(rows[j] + at + v * kWidth);
+        for (int v = 0; v < kCount; ++v) sum[v] += w * load(rows[j] + at[v]);
     }
-    for (int v = 0; v < kCount; ++v) store(out + at + v * kWidth, sum[v]);
+    for (int v = 0; v < kCount; ++v) store(out + at[v], sum[v]);
 }
 
+// Fewer floats than a vector go one by one; else the last vector overlaps the one before it. Vectors of one
+// group are all read before any is written, and the group that overlaps takes its neighbour along.
 void combine(int count, const float *weight, const float *const *rows, float *out, std::size_t n, bool more) {
+    if (n < kWidth) {
+        for (std::size_t i = 0; i < n; ++i) {
+            float sum = more ? out[i] : 0;
+            for (int j = 0; j < count; ++j) sum += weight[j] * rows[j][i];
+            out[i] = sum;
+        }
+        return;
+    }
     std::size_t i = 0;
-    for (; i + 4 * kWidth <= n; i += 4 * kWidth) combine_vectors<4>(count, weight, rows, i, out, more);
-    for (; i + kWidth <= n; i += kWidth) combine_vectors<1>(count, weight, rows, i, out, more);
-    for (; i < n; ++i) {
-        float sum = more ? out[i] : 0;
-        for (int j = 0; j < count; ++j) sum += weight[j] * rows[j][i];
-        out[i] = sum;
+    for (; i + 5 * kWidth < n; i += 4 * kWidth) {
+        const std::size_t at[4] = {i, i + kWidth, i + 2 * kWidth, i + 3 * kWidth};
+        combine_vectors<4>(count, weight, rows, at, out, more);
+    }
+    std::size_t at[5];
+    const std::size_t left = (n - i + kWidth - 1) / kWidth;
+    for (std::size_t v = 0; v < left; ++v) at[v] = v + 1 < left ? i + v * kWidth : n - kWidth;
+    switch (left) {
+        case 1: return combine_vectors<1>(count, weight, rows, at, out, more);
+        case 2: return combine_vectors<2>(count, weight, rows, at, out, more);
+        case 3: return combine_vectors<3>(count, weight, rows, at, out, more);
+        case 4: return combine_vectors<4>(count, weight, rows, at, out, more);
+        default: return combine_vectors<5>(count, weight, rows, at, out, more);
     }
 }
+
+typedef std::int32_t VecI __attribute__((vector_size(kBytes)));
 
 // e^-x for x >= 0, to 2e-7: a power of two times a polynomial on half an octave either side.
 inline VecF exp_negative(VecF x) {
-    typedef std::int32_t VecI __attribute__((vector_size(kBytes)));
     const VecF octaves = (x < 80.f ? x : splat(80.f)) * -1.44269504f;
     const VecI whole = __builtin_convertvector(octaves - 0.5f, VecI);  // towards zero: the nearest one
     const VecF f = (octaves - __builtin_convertvector(whole, VecF)) * 0.693147181f;
@@ -393,14 +411,15 @@ void line_row(const LineLoad &line, const float start[3], float step, std::size_
             const VecF across = start[a] + (a == 2 ? z : VecF{}) - along * line.direction[a];
             squared += across * across;
         }
-        const VecF place = (along - line.first) * line.per_length;
-        VecF profile;
+        VecF place = (along - line.first) * line.per_length;
+        place = place > 0.f ? (place < line.last ? place : splat(line.last)) : VecF{};
+        const VecI whole = __builtin_convertvector(place, VecI);
+        VecF low, high;
         for (int lane = 0; lane < kWidth; ++lane) {
-            float p = place[lane] > 0 ? place[lane] : 0;
-            p = p < line.last ? p : line.last;
-            const int at = static_cast<int>(p);
-            profile[lane] = line.profile[at] + (p - static_cast<float>(at)) * (line.profile[at + 1] - line.profile[at]);
+            low[lane] = line.profile[whole[lane]];
+            high[lane] = line.profile[whole[lane] + 1];
         }
+        const VecF profile = low + (place - __builtin_convertvector(whole, VecF)) * (high - low);
         const VecF value = profile * exp_negative(squared * line.inverse_width2);
         if (k + kWidth <= n)
             store(out + k, value);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "buffers.hpp"
 #include "elastic_kernels.hpp"
 #include "kernels.hpp"
 #include "phases.hpp"
@@ -39,7 +40,7 @@ AxisWeights::AxisWeights(const float *data, std::size_t rows, std::size_t column
 void resample_lattice(const Resampling &w, const float *values, float *out) {
     const std::size_t nx = w.x_filter.columns(), ny = w.y_filter.columns(), nz = w.nz, row = 3 * w.mz;
     const std::size_t my = w.y.rows(), plane = my * row;
-    std::vector<float> planes(nx * plane);
+    Buffer<float> planes(nx * plane);
     std::vector<const float *> to_z(nz);
     for (std::size_t k = 0; k < nz; ++k) to_z[k] = w.z_transposed + k * w.mz;
     const auto along_z_and_y = [&](std::size_t block) {
