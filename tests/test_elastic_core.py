@@ -102,15 +102,15 @@ def test_the_same_input_gives_the_same_bits(native):
 @pytest.mark.parametrize("isa", INSTRUCTION_SETS)
 def test_a_line_load_agrees_with_the_twin(native, isa):
     native.use_instruction_set(isa)
-    direction = np.array([0.8, -0.36, 0.48])
     arguments = (
         (13, 12, 18),
         (0.1, 0.09, 0.07),
-        (0.05, 0.9, 0.2),
-        tuple(direction),
-        np.sin(np.linspace(0, 3, 200)).astype(np.float32),
-        -0.4,
-        0.009,
+        np.array([0.05, 0.9, 0.2]),
+        np.array([0.8, -0.36, 0.48]),
+        np.array([0.0, 0.2, 0.35, 0.6]),
+        np.array([1.0, -0.7, 2.0, -2.3]),
+        0.6,
+        0.4,
         0.09,
     )
     ours, theirs = native.line_load(*arguments), twin_elastic.line_load(*arguments)

@@ -54,12 +54,11 @@ def sum_matrix(nodes: int, positions: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def resampling(nodes: int, spacing: float, start: float, count: int, step: float) -> tuple[Single, Single, Single]:
-    """Return filter, sum and the transpose of their product, to ``count`` places ``start + i step`` along an axis."""
-    prefilter = filter_matrix(nodes)
+def resampling(nodes: int, spacing: float, start: float, count: int, step: float) -> tuple[Single, Single]:
+    """Return the weights of coefficients, and of values (transposed), at ``count`` places ``start + i step``."""
     to_places = sum_matrix(nodes, (start + step * np.arange(count, dtype=float)) / spacing)
-    together = (to_places @ prefilter).T
-    return tuple(np.ascontiguousarray(m, np.float32) for m in (prefilter, to_places, together))  # type: ignore[return-value]
+    together = (to_places @ filter_matrix(nodes)).T
+    return np.ascontiguousarray(to_places, np.float32), np.ascontiguousarray(together, np.float32)
 
 
 def coefficients(values: NDArray[np.floating]) -> Single:

@@ -14,6 +14,9 @@ from .grid import Grid
 
 Array = NDArray[np.float64]
 
+_FEWEST_NODES = 4
+"""Along an axis, for a cubic between nodes to be resampled axis by axis."""
+
 
 @dataclass(frozen=True, eq=False)
 class GridField(Field):
@@ -98,7 +101,8 @@ class GridField(Field):
         if nodes is grid:
             return self.values
         _memory.refuse_beyond(28 * grid.node_count, f"grid = {grid.shape}: its displacements")
-        if self.order == 1 or not np.array_equal(nodes.direction, grid.direction):
+        aligned = np.array_equal(nodes.direction, grid.direction)
+        if self.order == 1 or not aligned or min(nodes.shape) < _FEWEST_NODES:
             return self.displacement(grid.points).reshape(*grid.shape, 3).astype(np.float32)
         start = nodes.local(grid.origin[None])[0]
         x, y, z = (
@@ -106,7 +110,7 @@ class GridField(Field):
             for n, h, s, m, step in zip(nodes.shape, nodes.spacing, start, grid.shape, grid.spacing, strict=True)
         )
         planes = np.ascontiguousarray(np.moveaxis(self.values, -1, 0), np.float32)
-        return _core.active.resample_lattice(planes, x[0], x[1], y[0], y[1], z[2])
+        return _core.active.resample_lattice(planes, x[0], y[0], z[1])
 
     def interpolation_error(self, exact: Field, *, points: int = 20_000, seed: int = 0) -> tuple[float, float]:
         """Return the largest and the root-mean-square difference from another field at random points of the box."""

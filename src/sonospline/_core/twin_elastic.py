@@ -247,28 +247,32 @@ class ElasticMultigrid:
 def line_load(
     shape: tuple[int, int, int],
     spacing: tuple[float, float, float],
-    origin: tuple[float, float, float],
-    direction: tuple[float, float, float],
-    profile: Single,
-    first: float,
-    interval: float,
+    origin: Array,
+    direction: Array,
+    places: Array,
+    changes: Array,
+    depth: float,
+    tip: float,
     width: float,
 ) -> Single:
-    """Return the nodal load (3, nx, ny, nz) of a force per volume along a line, by the consistent mass.
+    """Return the nodal load (3, nx, ny, nz) of a smoothed line force, by the consistent mass.
 
-    The force at p is ``direction profile(tau) exp(-d^2 / 2 width^2)`` with tau and d the place
-    along and the distance from the line through ``origin``; ``profile[i]`` is its value at
-    ``first + i interval``, linear between.
+    The force per length along the line through ``origin`` changes by ``changes`` at
+    ``places``, and a force ``tip`` acts at ``depth``; all of it is smoothed by a Gaussian of
+    ``width`` in three dimensions.
     """
+    from scipy.special import erf
+
     axes = [np.arange(n) * h - o for n, h, o in zip(shape, spacing, origin, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"))
-    along = np.tensordot(np.array(direction), place, axes=1)
-    squared = ((place - np.multiply.outer(np.array(direction), along)) ** 2).sum(axis=0)
-    force = np.interp(along, first + interval * np.arange(len(profile)), profile)
-    force *= np.exp(-0.5 * squared / width**2)
+    along = np.tensordot(direction, place, axes=1)
+    squared = ((place - np.multiply.outer(direction, along)) ** 2).sum(axis=0)
+    shaft = 0.5 * erf((along[..., None] - places) / (width * np.sqrt(2))) @ changes
+    end = tip * np.exp(-0.5 * ((along - depth) / width) ** 2) / (width * np.sqrt(2 * np.pi))
+    force = (shaft + end) * np.exp(-0.5 * squared / width**2) / (2 * np.pi * width**2)
     for axis, h in enumerate(spacing):
         force = mass_along(force, axis, h)
-    return np.multiply.outer(np.array(direction), force).astype(np.float32)
+    return np.multiply.outer(direction, force).astype(np.float32)
 
 
 def mass_along(values: Array, axis: int, spacing: float) -> Array:

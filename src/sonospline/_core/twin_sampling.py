@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .._spline_axis import filter_matrix
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
@@ -111,18 +113,12 @@ def reslice(
     return grey.astype(np.float32).reshape(shape), shown.astype(np.uint8).reshape(shape)
 
 
-def resample_lattice(
-    values: Single,
-    x_filter: Single,
-    x: Single,
-    y_filter: Single,
-    y: Single,
-    z_transposed: Single,
-) -> Single:
-    """Return values (3, nx, ny, nz) at the nodes of another lattice, as (mx, my, mz, 3).
+def resample_lattice(values: Single, x: Single, y: Single, z_transposed: Single) -> Single:
+    """Return values (3, nx, ny, nz) at the nodes of another lattice, as (mx, my, mz, 3), by cubic splines.
 
-    Weights along x and y are two matrices, applied one after the other; those along z
-    their product, transposed.
+    Weights along x and y, at least 4 nodes each, are those of B-splines; those along z take
+    the values themselves, transposed.
     """
-    along_y = np.matmul(y @ y_filter, values @ z_transposed)
-    return np.ascontiguousarray(np.einsum("mi,aiyz->myza", x @ x_filter, along_y, optimize=True))
+    along_x, along_y = (w @ filter_matrix(w.shape[1] - 2).astype(np.float32) for w in (x, y))
+    rows = np.matmul(along_y, values @ z_transposed)
+    return np.ascontiguousarray(np.einsum("mi,aiyz->myza", along_x, rows, optimize=True))

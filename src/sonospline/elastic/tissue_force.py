@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
-from ..fem.loads import LineForce
+from ..fem.loads import AxialForce, LineForce
 from ..needle import Needle
 from .tissue_map import TissueMap
 
 Array = NDArray[np.float64]
 
+_MILLI = 1000.0
 _PIECES_PER_WIDTH = 4
 
 
@@ -51,31 +52,18 @@ class TissueForce(LineForce):
             raise ValueError(f"tissues = {self.tissues!r} is not a TissueMap; make one, e.g. scene('layers')")
         object.__setattr__(self, "width", _validate.number("width", self.width, positive=True))
 
-    def body_force(self, points: Array, needle: Needle) -> Array:
-        from scipy.special import erf
-
-        seen = needle.project(points)
-        across = np.exp(-0.5 * (seen.distance / self.width) ** 2) / (2 * np.pi * self.width**2)
-        ends, friction, tip_force = self._along(needle)
-        # Each piece of constant friction contributes the difference of two error functions.
-        steps = np.diff(friction, prepend=0.0, append=0.0)
-        kept = steps != 0
-        shaft = 0.5 * erf((seen.along[:, None] - ends[kept]) / (self.width * np.sqrt(2))) @ steps[kept]
-        behind = (seen.along - needle.depth) / self.width
-        tip = tip_force * np.exp(-0.5 * behind**2) / (self.width * np.sqrt(2 * np.pi))
-        return (across * (shaft + tip))[:, None] * needle.direction
+    def along(self, needle: Needle) -> AxialForce:
+        """Return the force along the axis of a needle: pieces of a quarter of the width, each in one tissue."""
+        assert self.tissues is not None
+        pieces = max(1, int(np.ceil(needle.depth / self.width * _PIECES_PER_WIDTH)))
+        places = np.linspace(0, needle.depth, pieces + 1)
+        middles = needle.at((np.arange(pieces) + 0.5) / pieces)
+        friction, cutting = self.tissues.resistance(np.vstack([middles, needle.tip]))
+        changes = np.diff(_MILLI * friction[:-1], prepend=0.0, append=0.0)
+        kept = changes != 0
+        return AxialForce(places[kept], changes[kept], float(_MILLI * cutting[-1]))
 
     def total(self, needle: Needle) -> float:
         """Return the whole force on the needle at a pose, in mN."""
-        ends, friction, tip_force = self._along(needle)
-        return float(friction @ np.diff(ends) + tip_force)
-
-    def _along(self, needle: Needle) -> tuple[Array, Array, float]:
-        """Ends (n + 1,) of pieces along the shaft, friction (n,) of each and force at the tip."""
-        assert self.tissues is not None
-        pieces = max(1, int(np.ceil(needle.depth / self.width * _PIECES_PER_WIDTH)))
-        ends = np.linspace(0, needle.depth, pieces + 1)
-        middles = needle.at((np.arange(pieces) + 0.5) / pieces)
-        met = self.tissues.at(np.vstack([middles, needle.tip]))
-        friction = np.array([material.friction_n_per_mm for material in met[:-1]])
-        return ends, 1000 * friction, 1000 * met[-1].cutting_force_n
+        force = self.along(needle)
+        return float((needle.depth - force.places) @ force.changes + force.tip)

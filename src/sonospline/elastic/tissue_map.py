@@ -125,11 +125,12 @@ class TissueMap:
             moduli.append(np.exp(np.where(bone >= 0.5, stiff, soft)))
         return Moduli(grid, moduli[0], moduli[1])
 
-    def at(self, points: Array) -> list[TissueMaterial]:
-        """Return the material at each of the world points (m, 3)."""
+    def resistance(self, points: Array) -> tuple[Array, Array]:
+        """Return friction in N/mm and cutting force in N at each of the world points (m, 3)."""
         index = np.rint(self.labels.index(points)).astype(int)
         index = np.clip(index, 0, np.array(self.labels.voxels.shape) - 1)
-        return [self.materials[int(label)] for label in self.labels.voxels[tuple(index.T)]]
+        place = np.searchsorted(self._present, self.labels.voxels[tuple(index.T)])
+        return self._friction[place], self._cutting_force[place]
 
     def stiffness_image(self) -> Volume:
         """Return the logarithm to base ten of Young's modulus in kPa, as an image to look at."""
@@ -146,6 +147,14 @@ class TissueMap:
     def _places(self) -> NDArray[np.intp]:
         """Number of each voxel's label among those present."""
         return np.searchsorted(self._present, self.labels.voxels)
+
+    @cached_property
+    def _friction(self) -> Array:
+        return np.array([self.materials[label].friction_n_per_mm for label in self._present])
+
+    @cached_property
+    def _cutting_force(self) -> Array:
+        return np.array([self.materials[label].cutting_force_n for label in self._present])
 
     def _with(self, voxels: NDArray[Any]) -> Volume:
         at = self.labels

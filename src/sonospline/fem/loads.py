@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,17 @@ class Load(ABC):
             positive = field.name in ("width", "radius", "tip_length")
             value = _validate.number(field.name, getattr(self, field.name), positive=positive)
             object.__setattr__(self, field.name, value)
+
+
+class AxialForce(NamedTuple):
+    """The force along a needle's axis: friction that is constant between places, and a force at the tip."""
+
+    places: Array
+    """(n,) along the axis, where the friction changes."""
+    changes: Array
+    """(n,) by how much it does, force per length; they add up to zero."""
+    tip: float
+    """Force at the tip."""
 
 
 @dataclass(frozen=True)
@@ -114,14 +126,20 @@ class LineForce(Load):
     def finest_length(self) -> float:
         return self.width
 
+    def along(self, needle: Needle) -> AxialForce:
+        """Return the force along the axis of a needle."""
+        return AxialForce(np.array([0.0, needle.depth]), np.array([self.friction, -self.friction]), self.tip_force)
+
     def body_force(self, points: Array, needle: Needle) -> Array:
         from scipy.special import erf
 
-        seen = needle.project(points)
+        seen, force = needle.project(points), self.along(needle)
         across = np.exp(-0.5 * (seen.distance / self.width) ** 2) / (2 * np.pi * self.width**2)
+        # Friction is a sum of steps, and a smoothed step an error function.
+        passed = (seen.along[:, None] - force.places) / self.width
+        shaft = 0.5 * erf(passed / np.sqrt(2)) @ force.changes
         behind = (seen.along - needle.depth) / self.width
-        shaft = self.friction / 2 * (erf(seen.along / self.width / np.sqrt(2)) - erf(behind / np.sqrt(2)))
-        tip = self.tip_force * np.exp(-0.5 * behind**2) / (self.width * np.sqrt(2 * np.pi))
+        tip = force.tip * np.exp(-0.5 * behind**2) / (self.width * np.sqrt(2 * np.pi))
         return (across * (shaft + tip))[:, None] * needle.direction
 
 

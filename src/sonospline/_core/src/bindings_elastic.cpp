@@ -21,7 +21,8 @@ namespace {
 using Cells = nb::ndarray<const float, nb::shape<-1, -1, -1>, nb::c_contig, nb::device::cpu>;
 using Nodes = nb::ndarray<const float, nb::shape<3, -1, -1, -1>, nb::c_contig, nb::device::cpu>;
 using Square = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
-using Values = nb::ndarray<const float, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Values = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Vector3 = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
 using NewNodes = nb::ndarray<nb::numpy, float>;
 
 void make(sono::ElasticMultigrid *self, const std::vector<std::tuple<std::array<double, 3>, Cells, Cells>> &levels,
@@ -67,13 +68,15 @@ NewNodes product(sono::ElasticMultigrid &solver, Nodes values) {
     return out;
 }
 
-NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
-                   const std::array<double, 3> &origin, const std::array<double, 3> &direction,
-                   Values profile, double first, double interval, double width) {
-    if (profile.size() < 2) throw nb::value_error("profile has fewer than two values");
+NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, Vector3 origin,
+                   Vector3 direction, Values places, Values changes, double depth, double tip, double width) {
+    if (places.size() != changes.size()) throw nb::value_error("places and changes differ in length");
     NewNodes out = new_array<float, 4>({3, shape[0], shape[1], shape[2]});
+    const auto vector = [](const Vector3 &v) { return std::array<double, 3>{v(0), v(1), v(2)}; };
+    const sono::AxialForce force{vector(origin), vector(direction), places.data(), changes.data(), places.size(),
+                                 depth,          tip,               width};
     nb::gil_scoped_release release;
-    sono::line_load(shape, spacing, origin, direction, profile.data(), profile.size(), first, interval, width, out.data());
+    sono::line_load(shape, spacing, force, out.data());
     return out;
 }
 
@@ -84,6 +87,6 @@ void bind_elastic(nb::module_ &m) {
         .def("__init__", &make, "levels"_a, "pinned"_a, "full"_a, "degree"_a, "coarse_inverse"_a)
         .def("iterate", &iterate, "load"_a, "start"_a, "iterations"_a, "estimate"_a)
         .def("product", &product, "values"_a);
-    m.def("line_load", &line_load, "shape"_a, "spacing"_a, "origin"_a, "direction"_a, "profile"_a, "first"_a,
-          "interval"_a, "width"_a);
+    m.def("line_load", &line_load, "shape"_a, "spacing"_a, "origin"_a, "direction"_a, "places"_a, "changes"_a,
+          "depth"_a, "tip"_a, "width"_a);
 }

@@ -59,14 +59,12 @@ sono::AxisWeights axis_weights(const Weights &weights) {
     return {weights.data(), weights.shape(0), weights.shape(1)};
 }
 
-nb::ndarray<nb::numpy, float> resample_lattice(Planes values, Weights x_filter, Weights x, Weights y_filter,
-                                               Weights y, Weights z_transposed) {
-    if (x_filter.shape(1) != values.shape(1) || y_filter.shape(1) != values.shape(2) ||
-        z_transposed.shape(0) != values.shape(3) || x.shape(1) != x_filter.shape(0) ||
-        y.shape(1) != y_filter.shape(0))
+nb::ndarray<nb::numpy, float> resample_lattice(Planes values, Weights x, Weights y, Weights z_transposed) {
+    if (x.shape(1) != values.shape(1) + 2 || y.shape(1) != values.shape(2) + 2 ||
+        z_transposed.shape(0) != values.shape(3))
         throw nb::value_error("the weights do not fit the values");
-    const sono::Resampling weights{axis_weights(x_filter), axis_weights(x),        axis_weights(y_filter),
-                                   axis_weights(y),        z_transposed.data(),    z_transposed.shape(0),
+    if (values.shape(1) < 4 || values.shape(2) < 4) throw nb::value_error("fewer than 4 nodes along x or y");
+    const sono::Resampling weights{axis_weights(x), axis_weights(y), z_transposed.data(), z_transposed.shape(0),
                                    z_transposed.shape(1)};
     auto out = new_array<float, 4>({x.shape(0), y.shape(0), z_transposed.shape(1), 3});
     nb::gil_scoped_release release;
@@ -81,6 +79,5 @@ void bind_sampling(nb::module_ &m) {
     m.def("gradient_lattice", &gradient_lattice, "coefficients"_a, "spacing"_a, "points"_a);
     m.def("invert_lattice", &invert_lattice, "values"_a, "spacing"_a, "points"_a, "tolerance"_a, "most"_a,
           "order"_a = 1);
-    m.def("resample_lattice", &resample_lattice, "values"_a, "x_filter"_a, "x"_a, "y_filter"_a, "y"_a,
-          "z_transposed"_a);
+    m.def("resample_lattice", &resample_lattice, "values"_a, "x"_a, "y"_a, "z_transposed"_a);
 }

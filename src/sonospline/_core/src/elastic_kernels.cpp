@@ -399,6 +399,14 @@ inline VecF exp_negative(VecF x) {
     return p * (VecF)((whole + 127) << 23);
 }
 
+// Abramowitz and Stegun 7.1.26, to 1.5e-7.
+inline VecF error_function(VecF x) {
+    const VecF size = x < 0.f ? -x : x, t = 1 / (1 + 0.3275911f * size);
+    const VecF p = t * (0.254829592f + t * (-0.284496736f + t * (1.421413741f + t * (-1.453152027f + t * 1.061405429f))));
+    const VecF value = 1 - p * exp_negative(size * size);
+    return x < 0.f ? -value : value;
+}
+
 // The squared distance from the axis is |p|^2 - along^2: taken from the difference, which loses nothing near it.
 void line_row(const LineLoad &line, const float start[3], float step, std::size_t n, float *out) {
     const float along_start = start[0] * line.direction[0] + start[1] * line.direction[1] + start[2] * line.direction[2];
@@ -411,16 +419,10 @@ void line_row(const LineLoad &line, const float start[3], float step, std::size_
             const VecF across = start[a] + (a == 2 ? z : VecF{}) - along * line.direction[a];
             squared += across * across;
         }
-        VecF place = (along - line.first) * line.per_length;
-        place = place > 0.f ? (place < line.last ? place : splat(line.last)) : VecF{};
-        const VecI whole = __builtin_convertvector(place, VecI);
-        VecF low, high;
-        for (int lane = 0; lane < kWidth; ++lane) {
-            low[lane] = line.profile[whole[lane]];
-            high[lane] = line.profile[whole[lane] + 1];
-        }
-        const VecF profile = low + (place - __builtin_convertvector(whole, VecF)) * (high - low);
-        const VecF value = profile * exp_negative(squared * line.inverse_width2);
+        const VecF place = along * line.per_length, behind = place - line.depth;
+        VecF force = line.tip * exp_negative(behind * behind);
+        for (std::size_t i = 0; i < line.steps; ++i) force += line.halves[i] * error_function(place - line.places[i]);
+        const VecF value = force * exp_negative(squared * (line.per_length * line.per_length));
         if (k + kWidth <= n)
             store(out + k, value);
         else

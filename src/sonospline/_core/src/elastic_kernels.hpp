@@ -42,12 +42,14 @@ constexpr std::size_t elastic_scratch(std::ptrdiff_t nodes, std::ptrdiff_t row) 
     return static_cast<std::size_t>(3 * (nodes + row + 3 * kElasticLanes) + 12 * (row + 4 * kElasticLanes));
 }
 
-/// A force per volume along a line: its profile at points of the line, spread by a Gaussian across it.
+/// A force per volume along a line, by place along it in smoothing lengths sqrt(2) a: a sum of error functions, which
+/// are smoothed steps, and a Gaussian at the tip; a Gaussian across it.
 struct LineLoad {
     float direction[3];
-    const float *profile;
-    float first, per_length, last;  // place of the first value, values per length, the last interval's number
-    float inverse_width2;           // 1 / (2 width^2)
+    const float *places, *halves;  // of the steps; half of each
+    std::size_t steps;
+    float depth, tip;
+    float per_length;  // smoothing lengths
 };
 
 struct ElasticKernels {
@@ -65,7 +67,7 @@ struct ElasticKernels {
     double (*lengths)(const float *x, const float *y, const float *z, std::size_t n);
     /// out[i] = sum over j of weight[j] rows[j][i], i < n, j < count; added to what is there where `more`
     void (*combine)(int count, const float *weight, const float *const *rows, float *out, std::size_t n, bool more);
-    /// The load at n points from `start` (relative to the line's origin) on, `step` apart along z.
+    /// The load at n points from `start` on, relative to the line's origin, `step` apart along z.
     void (*line_row)(const LineLoad &, const float start[3], float step, std::size_t n, float *out);
 };
 

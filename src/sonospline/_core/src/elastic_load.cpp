@@ -55,15 +55,21 @@ void mass_along_row(float *row, std::size_t count, float spacing) {
 
 }  // namespace
 
-void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
-               const std::array<double, 3> &origin, const std::array<double, 3> &direction,
-               const float *profile, std::size_t count, double first, double interval, double width, float *out) {
+void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, const AxialForce &force,
+               float *out) {
+    const double width = force.width, per_length = 1 / (std::sqrt(2.0) * width), pi = std::acos(-1.0);
+    const double across = 1 / (2 * pi * width * width);
     LineLoad line{};
-    for (int a = 0; a < 3; ++a) line.direction[a] = static_cast<float>(direction[a]);
-    line.profile = profile, line.first = static_cast<float>(first);
-    line.per_length = static_cast<float>(1 / interval);
-    line.last = static_cast<float>(count - 2) + 0.9999f;
-    line.inverse_width2 = static_cast<float>(0.5 / (width * width));
+    std::vector<float> places, halves;
+    for (std::size_t i = 0; i < force.count; ++i) {
+        places.push_back(static_cast<float>(force.places[i] * per_length));
+        halves.push_back(static_cast<float>(0.5 * force.changes[i] * across));
+    }
+    for (int a = 0; a < 3; ++a) line.direction[a] = static_cast<float>(force.direction[a]);
+    line.places = places.data(), line.halves = halves.data(), line.steps = force.count;
+    line.depth = static_cast<float>(force.depth * per_length);
+    line.tip = static_cast<float>(force.tip * across / (std::sqrt(2 * pi) * width));
+    line.per_length = static_cast<float>(per_length);
     const std::size_t row = shape[2], plane = shape[1] * row, size = shape[0] * plane;
     const auto step = static_cast<float>(spacing[2]), length = step * static_cast<float>(row - 1);
     const auto reach = static_cast<float>(kReach * width);
@@ -73,9 +79,9 @@ void line_load(const std::array<std::size_t, 3> &shape, const std::array<double,
             bool any = false;
             for (std::size_t j = 0; j < shape[1]; ++j) {
                 float *const to = out + i * plane + j * row;
-                const float start[3] = {static_cast<float>(static_cast<double>(i) * spacing[0] - origin[0]),
-                                        static_cast<float>(static_cast<double>(j) * spacing[1] - origin[1]),
-                                        static_cast<float>(-origin[2])};
+                const float start[3] = {static_cast<float>(static_cast<double>(i) * spacing[0] - force.origin[0]),
+                                        static_cast<float>(static_cast<double>(j) * spacing[1] - force.origin[1]),
+                                        static_cast<float>(-force.origin[2])};
                 if (near_line(start, line, length, reach)) {
                     kernels().elastic->line_row(line, start, step, row, to);
                     mass_along_row(to, row, step);

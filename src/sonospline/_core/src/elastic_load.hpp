@@ -6,10 +6,17 @@
 
 namespace sono {
 
-/// out (3, nx, ny, nz) = M b for the force per volume b(p) = direction profile(tau) e^(-d^2 / 2 width^2), with tau
-/// and d the place along and the distance from a line through `origin`. profile[i] is at first + i interval.
-void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
-               const std::array<double, 3> &origin, const std::array<double, 3> &direction,
-               const float *profile, std::size_t count, double first, double interval, double width, float *out);
+/// A force along a line through `origin` that changes by changes[i] per length at places[i], and a force `tip` at
+/// `depth`; smoothed by a Gaussian of `width`.
+struct AxialForce {
+    std::array<double, 3> origin, direction;
+    const double *places, *changes;
+    std::size_t count;
+    double depth, tip, width;
+};
+
+/// out (3, nx, ny, nz) = M b for that force per volume b.
+void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, const AxialForce &force,
+               float *out);
 
 }  // namespace sono

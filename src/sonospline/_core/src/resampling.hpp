@@ -1,5 +1,5 @@
-// From the nodes of one lattice to those of another with the same axes, by weights along
-// each axis: what tensor-product splines need.
+// From the nodes of one lattice to those of another with the same axes, by tensor-product
+// cubic splines.
 #pragma once
 
 #include <array>
@@ -24,13 +24,17 @@ class AxisWeights {
     std::vector<std::size_t> first_, count_;
 };
 
-/// Along x and y two matrices one after the other (a prefilter, then few weights a node); along
-/// z their product, transposed (columns, rows). values (3, nx, ny, nz), out (mx, my, mz, 3).
+/// Along x and y, weights of the B-splines, whose coefficients are found first; along z, where rows are short, one
+/// matrix that does both, transposed (columns, rows). values (3, nx, ny, nz), out (mx, my, mz, 3).
 struct Resampling {
-    AxisWeights x_filter, x, y_filter, y;
+    AxisWeights x, y;
     const float *z_transposed;
     std::size_t nz, mz;
 };
+
+/// B-spline coefficients (nodes + 2 rows) of the not-a-knot spline through values (nodes rows) of n floats; 4 nodes or
+/// more.
+void spline_coefficients(const float *values, std::size_t stride, std::size_t nodes, std::size_t n, float *out);
 
 void resample_lattice(const Resampling &weights, const float *values, float *out);
 
