@@ -124,174 +124,192 @@ template <bool kCube, bool kFull> struct Law {
     }
 };
 
-// What the cells of a row pushed on the row of nodes above them, kept until that row is reached.
+// What the cells of a row pushed on the row of nodes above them, kept until that row is reached: a ring of places,
+// each of a vector for either plane of nodes and each component.
 class Above {
   public:
-    Above(float *memory, std::ptrdiff_t row) : memory_(memory), length_(length(row)), row_(row) {}
-    static std::ptrdiff_t length(std::ptrdiff_t row) { return (row + 2 * kWidth - 1) / kWidth * kWidth; }
-    static std::ptrdiff_t size(std::ptrdiff_t row) { return length(row) + kWidth; }
-
-    // From the cells one row before those of a slot; slots are filled one after the other, round and round.
-    VecF take(std::ptrdiff_t slot) const {
-        const std::ptrdiff_t at = slot - row_;
-        return load(memory_ + (at < 0 ? at + length_ : at));
+    Above(float *memory, std::ptrdiff_t row)
+        : memory_(memory), end_(memory + whole(row) * kPlace + kPlace), put_(memory), take_(memory + kPlace),
+          window_(static_cast<int>(whole(row) * kWidth - row)) {
+        std::memset(memory, 0, sizeof(float) * static_cast<std::size_t>(size(row)));
     }
-    void put(std::ptrdiff_t slot, VecF value) {
-        store(memory_ + slot, value);
-        if (slot == 0) store(memory_ + length_, value);  // so that no vector wraps round
+    static std::ptrdiff_t size(std::ptrdiff_t row) { return (whole(row) + 2) * kPlace; }
+
+    void put(int which, VecF value) {
+        store(put_ + which * kWidth, value);
+        if (put_ == memory_) store(end_ + which * kWidth, value);  // so that no vector wraps round
+    }
+    // From the cells one row before those that put now.
+    VecF take(int which) const { return window_(take_ + which * kWidth, kPlace); }
+    void advance() {
+        if ((put_ += kPlace) == end_) put_ = memory_;
+        if ((take_ += kPlace) == end_) take_ = memory_;
     }
 
   private:
-    float *memory_;
-    std::ptrdiff_t length_, row_;
+    static constexpr std::ptrdiff_t kPlace = 6 * kWidth;
+    static std::ptrdiff_t whole(std::ptrdiff_t row) { return (row + kWidth - 1) / kWidth; }
+
+    float *const memory_, *const end_;
+    float *put_;
+    const float *take_;
+    const Window window_;
 };
 
 // Gathers, for one component and one plane of nodes, what four rows of cells push on them.
 struct Gather {
-    Above low, high;  // from the cells' corners at low and at high z
-    VecF last{};
+    VecF low{}, high{};  // of the cells before, at their high z
 
-    VecF operator()(std::ptrdiff_t slot, const Four &corner) {
-        low.put(slot, corner.z), high.put(slot, corner.yz);  // first: short rows take from this very vector
-        const VecF here = corner.plain + low.take(slot), next = corner.y + high.take(slot);
-        const VecF force = here + delayed(last, next, std::make_integer_sequence<int, kWidth>{});
-        last = next;
+    VecF operator()(Above &above, int which, const Four &corner) {
+        constexpr std::make_integer_sequence<int, kWidth> all;
+        above.put(which, corner.z + delayed(high, corner.yz, all));  // first: short rows take from this very vector
+        const VecF force = corner.plain + delayed(low, corner.y, all) + above.take(which);
+        low = corner.y, high = corner.yz;
         return force;
     }
 };
+
+// The nodes of a plane, and what a sweep does there. Copied into a loop, whose stores then cannot change it.
+template <Sweep kSweep> struct Plane {
+    const float *in, *b, *inverse_diagonal;
+    float *d, *out;
+    std::ptrdiff_t component;
+    float momentum, step;
+
+    Plane(const ElasticCells &cells, const ElasticSweep &work, std::size_t i)
+        : component(cells.component), momentum(work.momentum), step(work.step) {
+        const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(i) * cells.plane;
+        in = work.in + shift, b = work.b + shift, inverse_diagonal = work.inverse_diagonal + shift;
+        d = work.d + shift, out = work.out + shift;
+    }
+
+    VecF whole(int a, std::ptrdiff_t q, VecF force) const {
+        const std::ptrdiff_t at = a * component + q;
+        VecF moved = kSweep == Sweep::smooth ? load(d + at) : VecF{}, result;
+        const VecF dot = act(at, force, moved, result);
+        if (kSweep == Sweep::smooth) store(d + at, moved);
+        store(out + at, result);
+        return dot;
+    }
+
+    // At most `count` nodes: the padding or another range of rows lies beyond them.
+    double some(int a, std::ptrdiff_t q, VecF force, std::ptrdiff_t count) const {
+        const std::ptrdiff_t at = a * component + q;
+        VecF moved = kSweep == Sweep::smooth ? load(d + at) : VecF{}, result;
+        const VecF dot = act(at, force, moved, result);
+        double total = 0;
+        for (std::ptrdiff_t lane = 0; lane < count; ++lane) {
+            if (kSweep == Sweep::smooth) d[at + lane] = moved[lane];
+            out[at + lane] = result[lane];
+            total += dot[lane];
+        }
+        return total;
+    }
+
+    VecF act(std::ptrdiff_t at, VecF force, VecF &moved, VecF &result) const {
+        const VecF value = load(in + at);
+        if constexpr (kSweep == Sweep::product) {
+            result = force;
+            return value * force;
+        } else {
+            const VecF right = load(b + at), inverse = load(inverse_diagonal + at);
+            if constexpr (kSweep == Sweep::residual) {
+                result = inverse > 0.f ? right - force : VecF{};
+                return value * right;
+            } else {
+                moved = momentum * moved + step * inverse * (right - force);
+                result = value + moved;
+                return result * right;
+            }
+        }
+    }
+};
+
+inline double sum(VecF v) {
+    double total = 0;
+    for (int lane = 0; lane < kWidth; ++lane) total += v[lane];
+    return total;
+}
 
 // One sweep over some nodes. A plane's values are read before any of them is written, so
 // `out` may be `in` where a sweep has all rows and planes.
 template <Sweep kSweep, bool kCube, bool kFull> class Sweeper {
   public:
     Sweeper(const ElasticCells &cells, const ElasticSweep &work)
-        : cells_(cells), work_(work), law_(cells.inverse), scale_(kCube ? cells.inverse[0] * cells.inverse[0] : 1) {
-        begin_ = work.first - (cells.row + kWidth) / kWidth * kWidth;  // the row of cells below, and a cell more
-        count_ = (work.last - begin_ + 2 * kWidth - 1) / kWidth * kWidth;
-        right_ = work.scratch + 12 * Above::size(cells.row);
-    }
+        : cells_(cells), work_(work), law_(cells.inverse), scale_(kCube ? cells.inverse[0] * cells.inverse[0] : 1),
+          begin_(work.first - (cells.row + kWidth) / kWidth * kWidth),  // the row of cells below, and a cell more
+          right_(work.scratch + Above::size(cells.row)) {}
 
     double run() {
         if (work_.begin)
             slab<false>(work_.begin - 1);
         else
-            std::memset(right_, 0, 3 * sizeof(float) * static_cast<std::size_t>(count_));
+            std::memset(right_, 0, 3 * sizeof(float) * static_cast<std::size_t>(work_.last - begin_ + kWidth));
         double total = 0;
         for (std::size_t i = work_.begin; i < work_.end; ++i) total += i + 1 < cells_.planes ? slab<true>(i) : last(i);
         return total;
     }
 
   private:
-    Gather gather(int number) const {
-        float *const memory = work_.scratch + 2 * number * Above::size(cells_.row);
-        return {{memory, cells_.row}, {memory + Above::size(cells_.row), cells_.row}};
-    }
-
     // Cells between planes i and i + 1. Their push on plane i + 1 goes to right_; where kNodes, their push on
     // plane i completes the forces there.
     template <bool kNodes> double slab(std::size_t i) const {
-        const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(i) * cells_.plane;
-        const std::ptrdiff_t length = Above::length(cells_.row);
-        std::memset(work_.scratch, 0, 12 * sizeof(float) * static_cast<std::size_t>(Above::size(cells_.row)));
-        Gather right[3] = {gather(0), gather(1), gather(2)}, left[3] = {gather(3), gather(4), gather(5)};
+        const Plane<kSweep> plane(cells_, work_, i);
+        const std::ptrdiff_t row = cells_.row, next = cells_.plane, first = work_.first, last = work_.last;
+        const float *const lame = cells_.lame + static_cast<std::ptrdiff_t>(i) * next, *const shear = lame + cells_.component;
+        const Law<kCube, kFull> law = law_;
+        const float scale = scale_;
+        float *right = right_;
+        Above above(work_.scratch, row);
+        Gather gather[6];
         double total = 0;
         VecF dot{};
-        std::ptrdiff_t slot = 0, summed = 0;
-        for (std::ptrdiff_t q = begin_; q < work_.last; q += kWidth) {
+        std::ptrdiff_t summed = 0;
+        for (std::ptrdiff_t q = begin_; q < last; q += kWidth, right += 3 * kWidth, above.advance()) {
+            Four sums[3], differences[3];
+            for (int a = 0; a < 3; ++a) {
+                const float *const at = plane.in + a * plane.component + q;
+                const Four low = plane_modes(at, row), high = plane_modes(at + next, row);
+                sums[a] = low + high, differences[a] = high - low;
+            }
             CellForces force[3];
-            forces(shift + q, force);
+            law(scale * load(lame + q), scale * load(shear + q), sums, differences, force);
             VecF pushed[3];
             for (int a = 0; a < 3; ++a) {
-                const VecF before = load(right_ + a * count_ + (q - begin_));
-                store(right_ + a * count_ + (q - begin_),
-                      right[a](slot, corners(force[a].sum + force[a].difference)));
-                if (kNodes) pushed[a] = before + left[a](slot, corners(force[a].sum - force[a].difference));
+                force[a].sum.plain = VecF{};  // a cell that only moves resists nothing
+                const VecF before = load(right + a * kWidth);
+                store(right + a * kWidth, gather[a](above, a, corners(force[a].sum + force[a].difference)));
+                if (kNodes)
+                    pushed[a] = before + gather[3 + a](above, 3 + a, corners(force[a].sum - force[a].difference));
             }
-            if ((slot += kWidth) == length) slot = 0;
-            if (!kNodes || q < work_.first) continue;
-            if (q + kWidth <= work_.last) {
-                for (int a = 0; a < 3; ++a) dot += nodes(a, pushed[a], shift + q);
+            if (!kNodes || q < first) continue;
+            if (q + kWidth <= last) {
+                for (int a = 0; a < 3; ++a) dot += plane.whole(a, q, pushed[a]);
                 if ((summed += kWidth) == kFlush) total += sum(dot), dot = VecF{}, summed = 0;
             } else {
-                for (int a = 0; a < 3; ++a) total += some_nodes(a, pushed[a], shift + q, work_.last - q);
+                for (int a = 0; a < 3; ++a) total += plane.some(a, q, pushed[a], last - q);
             }
         }
         return total + sum(dot);
     }
 
-    void forces(std::ptrdiff_t at, CellForces force[3]) const {
-        Four sum[3], difference[3];
-        for (int a = 0; a < 3; ++a) {
-            const Four low = plane_modes(work_.in[a] + at, cells_.row),
-                       high = plane_modes(work_.in[a] + at + cells_.plane, cells_.row);
-            sum[a] = low + high, difference[a] = high - low;
-        }
-        law_(scale_ * load(cells_.lame + at), scale_ * load(cells_.shear + at), sum, difference, force);
-        for (int a = 0; a < 3; ++a) force[a].sum.plain = VecF{};  // a cell that only moves resists nothing
-    }
-
     // The last plane has no cells beyond it.
     double last(std::size_t i) const {
-        const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(i) * cells_.plane;
+        const Plane<kSweep> plane(cells_, work_, i);
         double total = 0;
-        for (std::ptrdiff_t q = work_.first; q < work_.last; q += kWidth)
+        const float *right = right_ + 3 * (work_.first - begin_);
+        for (std::ptrdiff_t q = work_.first; q < work_.last; q += kWidth, right += 3 * kWidth)
             for (int a = 0; a < 3; ++a)
-                total += some_nodes(a, load(right_ + a * count_ + (q - begin_)), shift + q,
-                                    work_.last - q < kWidth ? work_.last - q : kWidth);
+                total += plane.some(a, q, load(right + a * kWidth), work_.last - q < kWidth ? work_.last - q : kWidth);
         return total;
-    }
-
-    static double sum(VecF v) {
-        double total = 0;
-        for (int lane = 0; lane < kWidth; ++lane) total += v[lane];
-        return total;
-    }
-
-    VecF nodes(int a, VecF force, std::ptrdiff_t at) const {
-        VecF d = kSweep == Sweep::smooth ? load(work_.d[a] + at) : VecF{}, out;
-        const VecF dot = act(a, force, at, d, out);
-        if (kSweep == Sweep::smooth) store(work_.d[a] + at, d);
-        store(work_.out[a] + at, out);
-        return dot;
-    }
-
-    // At most `count` nodes: the padding or another range of rows lies beyond them.
-    double some_nodes(int a, VecF force, std::ptrdiff_t at, std::ptrdiff_t count) const {
-        VecF d = kSweep == Sweep::smooth ? load(work_.d[a] + at) : VecF{}, out;
-        const VecF dot = act(a, force, at, d, out);
-        double total = 0;
-        for (std::ptrdiff_t lane = 0; lane < count; ++lane) {
-            if (kSweep == Sweep::smooth) work_.d[a][at + lane] = d[lane];
-            work_.out[a][at + lane] = out[lane];
-            total += dot[lane];
-        }
-        return total;
-    }
-
-    VecF act(int a, VecF force, std::ptrdiff_t at, VecF &d, VecF &out) const {
-        const VecF in = load(work_.in[a] + at);
-        if constexpr (kSweep == Sweep::product) {
-            out = force;
-            return in * force;
-        } else {
-            const VecF b = load(work_.b[a] + at), inverse = load(work_.inverse_diagonal[a] + at);
-            if constexpr (kSweep == Sweep::residual) {
-                out = inverse > 0.f ? b - force : VecF{};
-                return in * b;
-            } else {
-                d = work_.momentum * d + work_.step * inverse * (b - force);
-                out = in + d;
-                return out * b;
-            }
-        }
     }
 
     const ElasticCells &cells_;
     const ElasticSweep &work_;
     const Law<kCube, kFull> law_;
     const float scale_;
-    std::ptrdiff_t begin_, count_;
-    float *right_;  // three arrays of count_
+    const std::ptrdiff_t begin_;
+    float *const right_;  // three components side by side, a vector each
 };
 
 template <Sweep kSweep> double sweep_of(const ElasticCells &cells, const ElasticSweep &work) {
@@ -314,9 +332,9 @@ double sweep(Sweep kind, const ElasticCells &cells, const ElasticSweep &work) {
 void start(const ElasticCells &cells, const ElasticSweep &work) {
     for (int a = 0; a < 3; ++a)
         for (std::size_t i = work.begin; i < work.end; ++i) {
-            const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(i) * cells.plane;
-            const float *const b = work.b[a] + shift, *const inverse = work.inverse_diagonal[a] + shift;
-            float *const d = work.d[a] + shift, *const out = work.out[a] + shift;
+            const std::ptrdiff_t at = a * cells.component + static_cast<std::ptrdiff_t>(i) * cells.plane;
+            const float *const b = work.b + at, *const inverse = work.inverse_diagonal + at;
+            float *const d = work.d + at, *const out = work.out + at;
             for (std::ptrdiff_t q = work.first; q < work.last; ++q) out[q] = d[q] = work.step * inverse[q] * b[q];
         }
 }

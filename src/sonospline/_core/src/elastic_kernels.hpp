@@ -22,7 +22,8 @@ enum class Sweep : int {
 struct ElasticCells {
     std::size_t planes;      // of nodes
     std::ptrdiff_t row, plane;  // floats from one node to the next along y and x
-    const float *lame, *shear;  // of each cell, times a 16th of its volume; 0 where there is none
+    std::ptrdiff_t component;   // floats from one component to the next, and from lame to the shear modulus
+    const float *lame;          // of each cell, times a 16th of its volume; 0 where there is none
     float inverse[3];        // 1 / side
     bool full;               // full integration instead of the mean dilatation of each cell
 };
@@ -31,15 +32,15 @@ struct ElasticCells {
 struct ElasticSweep {
     std::size_t begin, end;
     std::ptrdiff_t first, last;
-    const float *in[3], *b[3], *inverse_diagonal[3];
-    float *d[3], *out[3];
+    const float *in, *b, *inverse_diagonal;  // the first of three components
+    float *d, *out;
     float momentum, step;
     float *scratch;  // elastic_scratch(last - first, row) floats
 };
 
 /// Floats of scratch a sweep of so many nodes a plane takes.
 constexpr std::size_t elastic_scratch(std::ptrdiff_t nodes, std::ptrdiff_t row) {
-    return static_cast<std::size_t>(3 * (nodes + row + 3 * kElasticLanes) + 12 * (row + 4 * kElasticLanes));
+    return static_cast<std::size_t>(3 * (nodes + row + 3 * kElasticLanes) + 6 * (row + 3 * kElasticLanes));
 }
 
 /// A force per volume along a line, by place along it in smoothing lengths sqrt(2) a: a sum of error functions, which

@@ -68,7 +68,7 @@ ElasticLevel::ElasticLevel(const ElasticLevelData &data, const std::array<bool, 
                 lame[place(i, j, k)] = sixteenth * *from_lame;
                 shear[place(i, j, k)] = sixteenth * *from_shear;
             }
-    cells_.lame = lame, cells_.shear = shear;
+    cells_.lame = lame, cells_.component = static_cast<std::ptrdiff_t>(each);
 
     find_diagonal();
 
@@ -94,12 +94,12 @@ void ElasticLevel::find_diagonal() {
             for (std::size_t k = 0; k < shape_[2]; ++k) {
                 if (!free(i, j, k)) continue;
                 const std::ptrdiff_t at = place(i, j, k);
+                const float *const stiff = cells_.lame + cells_.component;
                 float lame = 0, shear = 0;
                 for (std::ptrdiff_t cell : {at, at - plane}) {
                     if (i == 0 && cell < at) continue;
                     lame += cells_.lame[cell] + cells_.lame[cell - 1] + cells_.lame[cell - row] + cells_.lame[cell - row - 1];
-                    shear += cells_.shear[cell] + cells_.shear[cell - 1] + cells_.shear[cell - row] +
-                             cells_.shear[cell - row - 1];
+                    shear += stiff[cell] + stiff[cell - 1] + stiff[cell - row] + stiff[cell - row - 1];
                 }
                 for (int a = 0; a < 3; ++a)
                     inverse_diagonal_[a][at] = 1 / (lame * squares[a] * (cells_.full ? 16.f / 9 : 1.f) +
@@ -152,15 +152,11 @@ double ElasticLevel::sweep(Sweep kind, std::size_t block, const Fields &in, cons
                            Fields &out, float momentum, float step) {
     const auto planes = slab(block / tiles_);
     const std::size_t tile = block % tiles_;
-    ElasticSweep work{planes[0], planes[1],
+    const ElasticSweep work{planes[0], planes[1],
                       static_cast<std::ptrdiff_t>(tile * shape_[1] / tiles_) * cells_.row,
                       static_cast<std::ptrdiff_t>((tile + 1) * shape_[1] / tiles_) * cells_.row,
-                      {}, {}, {}, {}, {}, momentum, step, scratch_.data() + scratch_size_ * block};
-    for (int a = 0; a < 3; ++a) {
-        work.in[a] = in[a], work.out[a] = out[a], work.inverse_diagonal[a] = inverse_diagonal_[a];
-        work.b[a] = right ? (*right)[a] : nullptr;
-        work.d[a] = direction ? (*direction)[a] : nullptr;
-    }
+                      in[0], right ? (*right)[0] : nullptr, inverse_diagonal_[0], direction ? (*direction)[0] : nullptr,
+                      out[0], momentum, step, scratch_.data() + scratch_size_ * block};
     return inner().sweep(kind, cells_, work);
 }
 
@@ -170,10 +166,7 @@ void ElasticLevel::start(std::size_t block, const Fields &right, Fields &directi
     work.begin = planes[0], work.end = planes[1];
     work.first = 0, work.last = static_cast<std::ptrdiff_t>(shape_[1]) * cells_.row;
     work.step = step;
-    for (int a = 0; a < 3; ++a) {
-        work.b[a] = right[a], work.d[a] = direction[a], work.out[a] = out[a];
-        work.inverse_diagonal[a] = inverse_diagonal_[a];
-    }
+    work.b = right[0], work.d = direction[0], work.out = out[0], work.inverse_diagonal = inverse_diagonal_[0];
     inner().start(cells_, work);
 }
 

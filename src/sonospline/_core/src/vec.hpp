@@ -42,6 +42,30 @@ template <class T> inline Vec<T> load(const T *from) {
 
 template <class T> inline void store(T *to, Vec<T> v) { std::memcpy(to, &v, sizeof v); }
 
+// A vector that lies across two that were stored before: taken from both where that is possible, since a
+// load across two recent stores has to wait until both have reached the cache.
+class Window {
+  public:
+    explicit Window(int offset) : offset_(offset) {
+        for (int lane = 0; lane < lanes<float>; ++lane) lane_[lane] = lane + offset;
+    }
+    /// The second vector lies `apart` floats after the first.
+    VecF operator()(const float *first, std::ptrdiff_t apart) const {
+#if defined(__AVX512F__)
+        return (VecF)_mm512_permutex2var_ps((__m512)load(first), (__m512i)lane_, (__m512)load(first + apart));
+#else
+        alignas(kBytes) float both[2 * lanes<float>];
+        store(both, load(first)), store(both + lanes<float>, load(first + apart));
+        return load(both + offset_);
+#endif
+    }
+
+  private:
+    typedef int VecI __attribute__((vector_size(kBytes)));
+    int offset_;
+    VecI lane_;
+};
+
 template <class V> inline V newton(V x, V y) { return y * (1.5f - 0.5f * x * y * y); }
 inline VecD newton(VecD x, VecD y) { return y * (1.5 - 0.5 * x * y * y); }
 
