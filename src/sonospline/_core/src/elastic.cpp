@@ -7,13 +7,14 @@
 #include "kernels.hpp"
 #include "parallel.hpp"
 #include "phases.hpp"
+#include "row_kernels.hpp"
 
 namespace sono {
 namespace {
 
 constexpr int kCoarsestSteps = 30;
 
-const ElasticKernels &inner() { return *kernels().elastic; }
+const RowKernels &inner() { return *kernels().rows; }
 
 }  // namespace
 

@@ -6,6 +6,7 @@
 
 #include "kernels.hpp"
 #include "parallel.hpp"
+#include "row_kernels.hpp"
 
 namespace sono {
 namespace {
@@ -18,6 +19,7 @@ constexpr double kMargin = 1.1, kRange = 20;
 std::ptrdiff_t round_up(std::ptrdiff_t n) { return (n + kElasticLanes - 1) / kElasticLanes * kElasticLanes; }
 
 const ElasticKernels &inner() { return *kernels().elastic; }
+const RowKernels &row_loops() { return *kernels().rows; }
 
 }  // namespace
 
@@ -145,7 +147,7 @@ std::array<std::size_t, 2> ElasticLevel::floats(std::size_t number) const {
 
 void ElasticLevel::release_pinned(Fields &values) const {
     for (int a = 0; a < 3; ++a)
-        inner().add_masked(0, values[a], inverse_diagonal_[a], values[a], values.size());
+        row_loops().add_masked(0, values[a], inverse_diagonal_[a], values[a], values.size());
 }
 
 double ElasticLevel::sweep(Sweep kind, std::size_t block, const Fields &in, const Fields *right, Fields *direction,
@@ -231,7 +233,7 @@ void ElasticLevel::restrict_to(ElasticLevel &coarser, const Fields &from, std::s
         rows.resize(count);
         for (std::size_t j = 0; j < count; ++j)
             rows[j] = base + static_cast<std::ptrdiff_t>(along.fine[first + j]) * stride;
-        inner().combine(static_cast<int>(count), along.share.data() + first, rows.data(), out, n, false);
+        row_loops().combine(static_cast<int>(count), along.share.data() + first, rows.data(), out, n, false);
     };
     for (int a = 0; a < 3; ++a)
         for (std::size_t i = begin; i < end; ++i) {
@@ -282,7 +284,7 @@ void ElasticLevel::correct(const ElasticLevel &coarser, std::size_t begin, std::
                         from[count++] = widened_.data() +
                                         ((static_cast<std::size_t>(a) * coarser.shape_[0] + plane) * rows + line) * n;
                     }
-                inner().combine(count, weight, from, x[a] + place(i, j, 0), n, true);
+                row_loops().combine(count, weight, from, x[a] + place(i, j, 0), n, true);
             }
 }
 

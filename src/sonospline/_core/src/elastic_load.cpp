@@ -4,9 +4,9 @@
 #include <cmath>
 #include <vector>
 
-#include "elastic_kernels.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
+#include "row_kernels.hpp"
 
 namespace sono {
 namespace {
@@ -83,7 +83,7 @@ void line_load(const std::array<std::size_t, 3> &shape, const std::array<double,
                                         static_cast<float>(static_cast<double>(j) * spacing[1] - force.origin[1]),
                                         static_cast<float>(-force.origin[2])};
                 if (near_line(start, line, length, reach)) {
-                    kernels().elastic->line_row(line, start, step, row, to);
+                    kernels().rows->line_row(line, start, step, row, to);
                     mass_along_row(to, row, step);
                     any = true;
                 } else {

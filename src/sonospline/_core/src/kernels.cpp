@@ -96,9 +96,10 @@ extern const BmodeKernels bmode_kernels;
 extern const CholeskyKernels cholesky_kernels;
 extern const MultilevelKernels multilevel;
 extern const ElasticKernels elastic;
+extern const RowKernels rows;
 extern const KernelTable table;
 const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &cholesky_kernels, &multilevel, &elastic,
-                           sum<float>,          sum<double>,    gradient,          values};
+                           &rows,               sum<float>,      sum<double>,       gradient,     values};
 
 }  // namespace SONO_ISA
 }  // namespace sono

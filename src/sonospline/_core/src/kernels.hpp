@@ -24,6 +24,7 @@ struct BmodeKernels;
 struct CholeskyKernels;
 struct MultilevelKernels;
 struct ElasticKernels;
+struct RowKernels;
 
 struct KernelTable {
     const char *name;
@@ -31,6 +32,7 @@ struct KernelTable {
     const CholeskyKernels *cholesky;
     const MultilevelKernels *multilevel;
     const ElasticKernels *elastic;
+    const RowKernels *rows;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);

@@ -4,9 +4,9 @@
 #include <array>
 
 #include "buffers.hpp"
-#include "elastic_kernels.hpp"
 #include "kernels.hpp"
 #include "phases.hpp"
+#include "row_kernels.hpp"
 
 namespace sono {
 namespace {
@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kRowsPerBlock = 4;
 constexpr std::size_t kPlanesPerBlock = 4;
 
-const ElasticKernels &inner() { return *kernels().elastic; }
+const RowKernels &inner() { return *kernels().rows; }
 
 // out[i] = sum over j of weights(i, j) in[j], rows of n floats.
 void apply(const AxisWeights &weights, const float *in, std::size_t in_stride, float *out, std::size_t out_stride,
