@@ -61,10 +61,34 @@ class CornerBase(Base):
         self._inverse = np.linalg.inv(matrix)
 
     def columns(self, points: Array) -> Array:
-        return np.column_stack([self._kernel.matrix(points, self._corners), np.ones(len(points)), points])
+        columns = np.empty((len(points), 8))
+        columns[:, :4] = self._kernel.matrix(points, self._corners)
+        columns[:, 4] = 1
+        columns[:, 5:] = points
+        return columns
 
     def solve(self, columns: Array) -> Array:
         return columns @ self._inverse
+
+
+class _Rows:
+    """Rows that come and go at the end, and are copied only when their room doubles."""
+
+    def __init__(self, width: int) -> None:
+        self._room = np.empty((64, width))
+        self.all = self._room[:0]
+
+    def append(self, rows: Array) -> None:
+        count = len(self.all) + len(rows)
+        if count > len(self._room):
+            room = np.empty((max(count, 2 * len(self._room)), rows.shape[1]))
+            room[: len(self.all)] = self.all
+            self._room = room
+        self._room[len(self.all) : count] = rows
+        self.all = self._room[:count]
+
+    def truncate(self, count: int) -> None:
+        self.all = self.all[:count]
 
 
 def _subtract_product(rows: Array, columns: Array, solved: Array) -> None:
@@ -109,24 +133,27 @@ class AnchoredSystem:
         self._kernel = kernel
         self._base = base
         self._diagonal = diagonal
-        self._points = np.empty((0, 3))
-        self._columns = np.empty((0, base.size + 4))  # b of each landmark
-        self._solved = np.empty((0, base.size + 4))  # M^-1 b of each landmark
+        self._points = _Rows(3)
+        self._columns = _Rows(base.size + 4)  # b of each landmark
+        self._solved = _Rows(base.size + 4)  # M^-1 b of each landmark
         self._factor = _core.active.CholeskyFactor()
 
     def append(self, points: Array) -> None:
         """Add landmarks (m, 3), in O(m n^2); LinAlgError, and no change, where that would be singular."""
+        known = len(self._points.all)
         columns = self._base.columns(points)
-        all_points = np.concatenate([self._points, points])
-        all_solved = np.concatenate([self._solved, self._base.solve(columns)])
-        rows = self._kernel.matrix(points, all_points)
-        _subtract_product(rows, columns, all_solved)
-        rows *= self._kernel.sign
-        np.einsum("ii->i", rows[:, len(self._points) :])[:] += self._diagonal
+        self._points.append(points)
+        self._columns.append(columns)
+        self._solved.append(self._base.solve(columns))
+        rows = self._kernel.matrix(points, self._points.all)
+        _subtract_product(rows, columns, self._solved.all)
+        if self._kernel.sign < 0:
+            np.negative(rows, out=rows)
+        if self._diagonal:
+            np.einsum("ii->i", rows[:, known:])[:] += self._diagonal
         if not self._factor.append(rows, _SMALLEST_PIVOT):
+            self.truncate(known)
             raise np.linalg.LinAlgError("a landmark coincides with another")
-        self._points, self._solved = all_points, all_solved
-        self._columns = np.concatenate([self._columns, columns])
 
     def reserve(self, size: int) -> None:
         """Make room for so many landmarks at once."""
@@ -135,17 +162,18 @@ class AnchoredSystem:
     def truncate(self, size: int) -> None:
         """Drop the landmarks from number ``size`` on."""
         self._factor.truncate(size)
-        self._points, self._columns, self._solved = (a[:size] for a in (self._points, self._columns, self._solved))
+        for rows in (self._points, self._columns, self._solved):
+            rows.truncate(size)
 
     def refactor(self) -> None:
         """Factor everything anew."""
-        points = self._points
+        points = self._points.all.copy()
         self.truncate(0)
         self.append(points)
 
     def solve(self, at_base: Array, values: Array) -> Solution:
         """Solve for values (b, 3) at the base and (n, 3) at the first n other landmarks."""
-        solved = self._solved[: len(values)]
+        solved = self._solved.all[: len(values)]
         base_part = np.zeros((self._base.size + 4, 3))
         if at_base.any():
             values = values - solved[:, : self._base.size] @ at_base
@@ -161,7 +189,10 @@ class AnchoredSystem:
         if not len(values) or not (largest := np.abs(values).max()):
             return 0.0
         some = slice(0, len(values), max(1, len(values) // _CHECKED))
-        met = self._kernel.matrix(self._points[some], self._points[: len(values)]) @ solution.weights
-        met += self._columns[some] @ np.concatenate([solution.base_weights, solution.affine])
-        met += self._kernel.sign * self._diagonal * solution.weights[some]
+        points = self._points.all[: len(values)]
+        met = self._kernel.matrix(points[some], points) @ solution.weights
+        columns = self._columns.all[: len(values)][some]
+        met += columns[:, : self._base.size] @ solution.base_weights + columns[:, self._base.size :] @ solution.affine
+        if self._diagonal:
+            met += self._kernel.sign * self._diagonal * solution.weights[some]
         return float(np.abs(met - values[some]).max() / largest)

@@ -56,7 +56,9 @@ class Frame:
 
     def world_affine(self, affine: Array) -> Array:
         """Return an affine map (4, 3) of frame coordinates as one of world offsets from the centre."""
-        return np.vstack([affine[:1], self.axes @ affine[1:] / self.scale])
+        world = affine.copy()
+        world[1:] = self.axes @ affine[1:] / self.scale
+        return world
 
     def diagonal(self, value: float, kernel: Kernel) -> float:
         """Return a number on the kernel matrix's diagonal in the frame's units."""
@@ -208,8 +210,6 @@ class PolyharmonicSpline:
         new = _validate.points("points", points)
         together = np.concatenate([self.points, new])
         self._factor(new, together, since=len(self.points))
-        added = np.arange(len(self.points), len(together))
-        self._order, self._place = (np.concatenate([a, added]) for a in (self._order, self._place))
         self.points = together
 
     def _factor(self, new: Array, together: Array, *, since: int) -> None:
@@ -230,7 +230,6 @@ class PolyharmonicSpline:
         if not self._first_size <= size <= len(self.points):
             raise ValueError(f"size = {size} is out of range; give {self._first_size} to {len(self.points)}")
         self._system.truncate(size - self._system.base_size)
-        self._order, self._place = self._order[:size], self._place[:size]
         self.points = self.points[:size]
 
     def solve(self, values: ArrayLike, *, grid: Grid | None = None) -> KernelField:
@@ -250,7 +249,7 @@ class PolyharmonicSpline:
                 f"values has {len(values)} rows for {len(self.points)} landmarks; give one row a landmark "
                 f"(at least for the first {self._first_size})"
             )
-        ordered = values.take(self._order[: len(values)], axis=0)
+        ordered = self._first(values, self._order)
         at_base, others = ordered[: self._system.base_size], ordered[self._system.base_size :]
         solution = self._system.solve(at_base, others)
         residual = self._system.residual(solution, others)
@@ -263,11 +262,15 @@ class PolyharmonicSpline:
         return KernelField(
             kernel=self.kernel,
             centres=self.points[: len(values)],
-            weights=weights.take(self._place[: len(values)], axis=0),
+            weights=self._first(weights, self._place),
             affine=self._frame.world_affine(solution.affine),
             reference=self._frame.centre,
             grid=grid,
         )
+
+    def _first(self, rows: Array, order: NDArray[np.int64]) -> Array:
+        """Reorder the rows of the landmarks given at the start; the others follow as they are."""
+        return np.concatenate([rows.take(order, axis=0), rows[len(order) :]])
 
 
 def _matching_values(points: Array, values: ArrayLike) -> Array:
