@@ -1,7 +1,5 @@
 """Label maps and tables of materials: what a cell is made of, and what is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from sonospline.elastic import ElasticSolver, MaterialTable, TissueMap, TissueMa
 from sonospline.elastic.materials import FLUID_SHEAR, read_label_names
 from sonospline.volume import Volume
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 SOFT, STIFF = TissueMaterial(stiffness_kpa=1), TissueMaterial(stiffness_kpa=16)
 BONE = TissueMaterial(stiffness_kpa=1000, rigid=True)
 
@@ -131,9 +128,8 @@ def test_every_assumed_material_says_where_it_is_from():
     assert all(material.source for material in MaterialTable.assumed().materials.values())
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the shared abdominal label map is not on this machine")
-def test_a_real_abdomen_becomes_tissue():
-    tissues = TissueMap.read(DATA / "abdomen_labels.nii.gz")
+def test_a_real_abdomen_becomes_tissue(shared_data):
+    tissues = TissueMap.read(shared_data / "abdomen_labels.nii.gz")
     tissue = ss.Tissue(tissues.labels.grid(20_000), entry_face="y+")
     solver = ElasticSolver(tissue, tissues, nodes=20_000)
     assert solver.moduli.shear.max() / solver.moduli.shear.min() > 1000  # ribs against lung

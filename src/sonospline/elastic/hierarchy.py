@@ -43,12 +43,16 @@ def levels(moduli: Moduli, tissue: Tissue) -> list[Level]:
 
 def coarse_inverse(level: Level, tissue: Tissue, full: bool) -> NDArray[np.float32]:
     """Return the inverse of a level's operator over its free unknowns; (0, 0) where it is too large."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
     free = np.tile(free_nodes(level[1].shape, pinned_faces(tissue)).ravel(), 3)
     if free.sum() > 2 * _DENSE:
         return np.zeros((0, 0), np.float32)
-    matrix = stiffness(level, full)[free][:, free].toarray()
-    inverse = np.linalg.inv(matrix)
-    return np.ascontiguousarray((inverse + inverse.T) / 2, np.float32)
+    factor, failed = dpotrf(stiffness(level, full)[free][:, free].toarray(order="F"), lower=True, overwrite_a=True)
+    assert not failed  # moduli are above zero and a face is pinned
+    lower, _ = dpotri(factor, lower=True, overwrite_c=True)
+    inverse = lower.astype(np.float32)
+    return np.ascontiguousarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
 
 def _level(spacing: Array, lame: Array, shear: Array) -> Level:

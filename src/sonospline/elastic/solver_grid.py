@@ -12,6 +12,8 @@ FLATTEST = 10.0
 
 _COUNTS = np.array(sorted({m << k for m in (4, 5, 6, 7, 13) for k in range(8)}))
 """Cells along an axis: a small number times a power of two."""
+_BETWEEN = np.sqrt(_COUNTS[1:] * _COUNTS[:-1])
+"""Where one count is as near, in ratio, as the next."""
 
 
 def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
@@ -47,7 +49,8 @@ def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
         )
     finest = box.extent.min() / _COUNTS[-1]
     spacings = np.geomspace(finest, box.extent.min() / _COUNTS[0], 400)
-    cells = min((_cells(box.extent / h) for h in spacings), key=lambda c: abs(np.log(np.prod(c + 1.0) / nodes)))
+    candidates = _cells(box.extent / spacings[:, None])
+    cells = candidates[np.abs(np.log(np.prod(candidates + 1.0, axis=1) / nodes)).argmin()]
     return Grid(
         shape=(int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1),
         spacing=tuple(box.extent / cells),
@@ -58,5 +61,4 @@ def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
 
 def _cells(wanted: np.ndarray) -> np.ndarray:
     """The allowed counts nearest, in ratio, to those wanted."""
-    distance = np.abs(np.log(_COUNTS[:, None] / wanted))
-    return _COUNTS[distance.argmin(axis=0)]
+    return _COUNTS[np.searchsorted(_BETWEEN, wanted)]

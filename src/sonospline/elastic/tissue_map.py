@@ -107,21 +107,15 @@ class TissueMap:
         ValueError
             The label image and the grid do not overlap, or a fluid reaches every face of the box.
         """
-        share = _Samples(self.labels, self._places, grid)
-        place = share.places
+        cells = _Samples(self.labels, self._places, grid)
         table = [self.materials[label] for label in self._present]
         rigid = np.array([material.rigid for material in table])
-        logs = np.log([material.lame_moduli for material in table] + np.array([1e-30, 0.0]))
-        self._refuse_leaking(share.mean(np.array([m.fluid for m in table], float)[place]), grid)
-        if not rigid.any():
-            lame, shear = (np.exp(share.mean(column[place])) for column in logs.T)
-            return Moduli(grid, lame, shear)
-        hard = rigid.astype(float)[place]
-        bone = share.mean(hard)
+        _refuse_leaking(cells.mean(np.array([material.fluid for material in table], float)))
+        bone = cells.mean(rigid.astype(float))
         moduli = []
-        for column in logs.T:
-            soft = share.mean((column * ~rigid)[place]) / np.maximum(1 - bone, 1e-9)
-            stiff = share.mean((column * rigid)[place]) / np.maximum(bone, 1e-9)
+        for logs in np.log([material.lame_moduli for material in table] + np.array([1e-30, 0.0])).T:
+            soft = cells.mean(logs * ~rigid) / np.maximum(1 - bone, 1e-9)
+            stiff = cells.mean(logs * rigid) / np.maximum(bone, 1e-9)
             moduli.append(np.exp(np.where(bone >= 0.5, stiff, soft)))
         return Moduli(grid, moduli[0], moduli[1])
 
@@ -144,9 +138,10 @@ class TissueMap:
         return [int(label) for label in np.unique(self.labels.voxels)]
 
     @cached_property
-    def _places(self) -> NDArray[np.intp]:
-        """Number of each voxel's label among those present."""
-        return np.searchsorted(self._present, self.labels.voxels)
+    def _places(self) -> NDArray[np.integer]:
+        """Number of each voxel's label among those present, in as few bytes as hold it."""
+        places = np.searchsorted(self._present, self.labels.voxels)
+        return places.astype(np.min_scalar_type(len(self._present)))
 
     @cached_property
     def _friction(self) -> Array:
@@ -160,25 +155,26 @@ class TissueMap:
         at = self.labels
         return Volume(voxels=voxels, spacing=at.spacing, origin=at.origin, direction=at.direction)
 
-    def _refuse_leaking(self, fluid: Array, grid: Grid) -> None:
-        touched = [face for face in FACES if (fluid[face_slice(face)] >= 0.5).any()]
-        if len(touched) == len(FACES):
-            raise ValueError(
-                "labels: the fluid reaches every face of the box, so nothing holds it; crop the box or "
-                "make its material solid"
-            )
+
+def _refuse_leaking(fluid: Array) -> None:
+    touched = [face for face in FACES if (fluid[face_slice(face)] >= 0.5).any()]
+    if len(touched) == len(FACES):
+        raise ValueError(
+            "labels: the fluid reaches every face of the box, so nothing holds it; crop the box or "
+            "make its material solid"
+        )
 
 
 class _Samples:
-    """Voxels of an image at regular places in the cells of a grid, and means over the cells."""
+    """The labels of an image at regular places in the cells of a grid, and means over the cells."""
 
-    def __init__(self, labels: Volume, voxels: NDArray[np.intp], grid: Grid) -> None:
+    def __init__(self, labels: Volume, places: NDArray[np.integer], grid: Grid) -> None:
         per_voxel = np.array(grid.spacing) / labels.spacing
-        self._count = np.clip(np.ceil(per_voxel - 1e-6), 1, _MOST_SAMPLES).astype(int)
+        counts = np.clip(np.ceil(per_voxel - 1e-6), 1, _MOST_SAMPLES).astype(int)
         cells = np.array(grid.shape) - 1
         axes = [
             (np.arange(cells * count) + 0.5) * (h / count)
-            for cells, count, h in zip(cells, self._count, grid.spacing, strict=True)
+            for cells, count, h in zip(cells, counts, grid.spacing, strict=True)
         ]
         turn = labels.lattice.direction.T @ grid.direction
         start = labels.index(grid.origin[None])[0]
@@ -187,21 +183,25 @@ class _Samples:
             index = [start[a] + axes[a] / labels.spacing[a] for a in range(3)]
             inside = [((i >= -0.5) & (i <= n + 0.5)).any() for i, n in zip(index, last, strict=True)]
             nearest = [np.clip(np.rint(i), 0, n).astype(int) for i, n in zip(index, last, strict=True)]
-            found = voxels[np.ix_(*nearest)]
+            found = places[np.ix_(*nearest)]
             overlaps = all(inside)
         else:
             local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
             index_at = start + local @ turn.T / labels.spacing
             overlaps = bool(((index_at >= -0.5) & (index_at <= last + 0.5)).all(axis=-1).any())
             near = np.clip(np.rint(index_at), 0, last).astype(int)
-            found = voxels[tuple(np.moveaxis(near, -1, 0))]
+            found = places[tuple(np.moveaxis(near, -1, 0))]
         if not overlaps:
             raise ValueError("labels do not overlap the tissue's box; give a label image of the same patient and frame")
-        self.places = found
+        samples = [
+            found[first[0] :: counts[0], first[1] :: counts[1], first[2] :: counts[2]] for first in np.ndindex(*counts)
+        ]
+        self._pure = samples[0]
+        self._mixed = np.any([sample != samples[0] for sample in samples], axis=0)
+        self._held = np.stack([sample[self._mixed] for sample in samples])
 
     def mean(self, values: Array) -> Array:
-        """Return the mean over each cell of values at the samples."""
-        for axis, count in enumerate(self._count):
-            lines = np.moveaxis(values, axis, 0)
-            values = np.moveaxis(sum(lines[k::count] for k in range(count)) / count, 0, axis)
-        return values
+        """Return the mean over each cell of a value for each label: few cells hold more than one."""
+        means = values[self._pure]
+        means[self._mixed] = values[self._held].mean(axis=0)
+        return means
