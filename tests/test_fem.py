@@ -10,6 +10,7 @@ from elastic_problems import largest_difference, manufactured_error, on_grid, pa
 from sonospline import _extras, _memory
 from sonospline._extras import MissingExtraError
 from sonospline.fem import (
+    CellMaterial,
     FiniteElementModel,
     LineForce,
     Material,
@@ -324,3 +325,24 @@ def test_iterations_that_do_not_converge_are_an_error(small_tissue, monkeypatch)
     monkeypatch.setattr("sonospline.fem.sparse_solvers._MOST_ITERATIONS", 3)
     with pytest.raises(RuntimeError, match="after 3 iterations; use solver='direct'"):
         FiniteElementModel(small_tissue).solve(LineForce(), NEEDLE)
+
+
+def test_a_material_of_equal_cells_is_that_material(unit_tissue, an_oblique_needle):
+    solid, cells = Material(2.0, 0.3), (12, 12, 12)
+    material = CellMaterial(np.full(cells, solid.first_lame), np.full(cells, solid.shear_modulus))
+    for element in ("hexahedron", "tetrahedron"):
+        ours, theirs = (
+            FiniteElementModel(unit_tissue, m, element=element).solve(LineForce(), an_oblique_needle)
+            for m in (material, solid)
+        )
+        assert largest_difference(ours, theirs) < 1e-9
+
+
+def test_cells_that_do_not_fit_or_have_no_stiffness_are_refused(unit_tissue):
+    cells = np.ones((12, 12, 12))
+    with pytest.raises(ValueError, match=r"material has \(11, 12, 12\) cells; give the grid's \(12, 12, 12\)"):
+        FiniteElementModel(unit_tissue, CellMaterial(cells[1:], cells[1:]))
+    with pytest.raises(ValueError, match="shear_modulus = 0 is out of range"):
+        CellMaterial(cells, 0 * cells)
+    with pytest.raises(ValueError, match="give one a cell each"):
+        CellMaterial(cells, cells[1:])

@@ -9,7 +9,15 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference
-from sonospline.fem import FiniteElementModel, LineForce, Material, ShaftDisplacement, history, reference_history
+from sonospline.fem import (
+    CellMaterial,
+    FiniteElementModel,
+    LineForce,
+    Material,
+    ShaftDisplacement,
+    history,
+    reference_history,
+)
 
 pytest.importorskip("skfem", reason="needs the extra 'fem'")
 pytest.importorskip("pyamg", reason="needs the extra 'fem'")
@@ -53,6 +61,7 @@ def test_a_history_is_kept_by_everything_it_depends_on(small_tissue, a_cache_of_
         {"load": LineForce(friction=0.02)},
         {"load": ShaftDisplacement(radius=0.1)},
         {"material": Material(poissons_ratio=0.4)},
+        {"material": CellMaterial(np.full((8, 8, 8), 3.1), np.full((8, 8, 8), 0.34))},
         {"element": "tetrahedron"},
         {"integration": "mean_dilatation"},
     ]

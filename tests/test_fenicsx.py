@@ -12,8 +12,18 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference, manufactured_error, patch_error
+from elastic_scenes import away_from_reference, bone_of
 from sonospline._extras import MissingExtraError
-from sonospline.fem import FiniteElementModel, LineForce, Material, ShaftDisplacement, fenicsx, reference_history
+from sonospline.elastic import SCENES, scene
+from sonospline.fem import (
+    CellMaterial,
+    FiniteElementModel,
+    LineForce,
+    Material,
+    ShaftDisplacement,
+    fenicsx,
+    reference_history,
+)
 from sonospline.fem.fenicsx import FEniCSx
 
 ELEMENTS = ("hexahedron", "tetrahedron")
@@ -64,6 +74,31 @@ def test_it_agrees_with_scikit_fem(unit_tissue, an_oblique_needle, element, solv
 def test_it_agrees_with_scikit_fem_on_the_papers_mesh(an_oblique_needle, element):
     tissue = ss.Tissue(ss.Grid.unit_cube(25))
     assert largest_difference(*both(tissue, LineForce(), an_oblique_needle, element=element)) < 1e-9
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_oblique_needle, element, rng):
+    shear = np.exp(rng.normal(size=(12, 12, 12)))
+    material = CellMaterial(9 * shear * rng.random(shear.shape), shear)
+    ours, theirs = both(unit_tissue, LineForce(), an_oblique_needle, element=element, material=material)
+    assert largest_difference(ours, theirs) < 1e-8
+
+
+@pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_live_solver_converges_to_its_field_in_every_scene(name, ratio):
+    tissues = scene(name, voxels=48, poissons_ratio=ratio)
+    assert away_from_reference(tissues, 9, engine="fenicsx", solver="direct") < 3e-4
+
+
+def test_the_live_solver_converges_to_its_field_beside_rigid_bone():
+    assert away_from_reference(bone_of(1e6), 9, engine="fenicsx", solver="direct") < 3e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_the_live_solver_converges_to_its_field_on_a_finer_grid(name):
+    assert away_from_reference(scene(name), 17, engine="fenicsx", solver="direct") < 3e-4
 
 
 @pytest.mark.parametrize("element", ELEMENTS)

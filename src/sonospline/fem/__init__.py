@@ -7,10 +7,11 @@ extra ``fem``; the engine ``"fenicsx"`` needs DOLFINx, in this or in another Pyt
 from .engine import StepTimes
 from .history import history_of, reference_history
 from .loads import LineForce, Load, ShaftDisplacement
-from .material import Material
+from .material import CellMaterial, Material
 from .model import FiniteElementModel
 
 __all__ = [
+    "CellMaterial",
     "FiniteElementModel",
     "LineForce",
     "Load",

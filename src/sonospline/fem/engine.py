@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .material import Material
+from .material import CellMaterial, Material
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,13 +63,20 @@ class System:
     """(E, 8) or (E, 4) node numbers, as :func:`sonospline.fem.mesh.cells` orders them."""
     pinned: Mask
     """(N,) nodes whose displacement is prescribed, all components of it."""
-    material: Material
+    material: Material | CellMaterial
     integration: str
     """One of :data:`INTEGRATIONS`."""
     solver: str
     """One of :data:`SOLVERS`."""
     tolerance: float
     """Largest residual left by conjugate gradients, relative to the right-hand side."""
+
+    @property
+    def moduli(self) -> tuple[Array, Array]:
+        """First and second Lamé modulus: () of all cells, or (E,) of each."""
+        both = (np.asarray(values, float) for values in (self.material.first_lame, self.material.shear_modulus))
+        lame, shear = (np.repeat(m, len(self.cells) // m.size) if m.ndim else m for m in both)
+        return lame, shear
 
 
 class Engine(ABC):
@@ -99,7 +106,7 @@ class Engine(ABC):
         """
 
 
-def check_locking(material: Material, element: str, integration: str) -> None:
+def check_locking(material: Material | CellMaterial, element: str, integration: str) -> None:
     """Raise ValueError where these elements lock: nearly incompressible tissue then looks too stiff."""
     ratio = material.poissons_ratio
     if integration == "full" or element == "tetrahedron":

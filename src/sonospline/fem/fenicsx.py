@@ -100,11 +100,12 @@ def _has_dolfinx(python: str) -> bool:
 
 
 def _arrays(system: System) -> dict[str, Array | NDArray[np.int64] | str | float]:
+    lame, shear = system.moduli
     return {
         "points": system.points,
         "cells": system.cells,
-        "first_lame": system.material.first_lame,
-        "shear_modulus": system.material.shear_modulus,
+        "first_lame": lame,
+        "shear_modulus": shear,
         "integration": system.integration,
         "solver": system.solver,
         "tolerance": system.tolerance,

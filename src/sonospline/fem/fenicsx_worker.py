@@ -48,7 +48,7 @@ class Elasticity:
         self._dofs = _dofs_of_nodes(space, len(self._points))
         self._force = fem.Function(space)
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-        first_lame, shear = (_constant(self._mesh, task[name]) for name in ("first_lame", "shear_modulus"))
+        first_lame, shear = (_coefficient(self._mesh, task[name]) for name in ("first_lame", "shear_modulus"))
         # Two points along each axis integrate everything here exactly; the one at the centre of a
         # parallelepiped gives the mean of a trilinear displacement's divergence.
         exact = ufl.dx(metadata={"quadrature_degree": 2})
@@ -176,11 +176,17 @@ def _dofs_of_nodes(space: Any, count: int) -> NDArray[np.int64]:
     return blocks
 
 
-def _constant(mesh: Any, value: float) -> Any:
+def _coefficient(mesh: Any, values: Array) -> Any:
+    """One value for all cells, or one of each in the order in which the cells were given."""
     from dolfinx import fem
     from petsc4py import PETSc
 
-    return fem.Constant(mesh, PETSc.ScalarType(value))
+    if values.ndim == 0:
+        return fem.Constant(mesh, PETSc.ScalarType(values))
+    space = (fem.functionspace if hasattr(fem, "functionspace") else fem.FunctionSpace)(mesh, ("DG", 0))
+    found = fem.Function(space)
+    found.x.array[:] = values[mesh.topology.original_cell_index]
+    return found
 
 
 def _serve(folder: Path, tasks: Iterable[str], say: IO[str]) -> None:

@@ -14,7 +14,7 @@ from ..faces import Progress
 from ..needle import Needle
 from ..tissue import Tissue
 from .loads import LineForce, Load
-from .material import Material
+from .material import CellMaterial, Material
 from .model import FiniteElementModel
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def reference_history(
     target: ArrayLike,
     steps: int = 20,
     load: Load | None = None,
-    material: Material | None = None,
+    material: Material | CellMaterial | None = None,
     *,
     element: str = "hexahedron",
     integration: str = "full",
@@ -53,7 +53,7 @@ def reference_history(
         Steps of equal length; step k reaches k / steps of the way.
     load : LineForce or ShaftDisplacement, default: LineForce()
         What the needle does.
-    material : Material, default: Material()
+    material : Material or CellMaterial, default: Material()
         What the tissue is made of.
     element, integration, engine : str
         As for :class:`FiniteElementModel`.

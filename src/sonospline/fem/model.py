@@ -14,7 +14,7 @@ from ..tissue import Tissue
 from .engine import INTEGRATIONS, SOLVERS, Engine, StepTimes, System, check_locking
 from .fenicsx import FEniCSx
 from .loads import Load
-from .material import Material
+from .material import CellMaterial, Material
 from .mesh import ELEMENTS, cells
 from .scikit import ScikitFem
 
@@ -39,8 +39,8 @@ class FiniteElementModel:
     ----------
     tissue : Tissue
         Grid and pinned faces.
-    material : Material, default: Material()
-        Stiffness and compressibility.
+    material : Material or CellMaterial, default: Material()
+        Stiffness and compressibility, of all tissue or of each cell of the grid.
     element : {"hexahedron", "tetrahedron"}, default: "hexahedron"
         Trilinear hexahedra (Q1), or each of them split into six linear tetrahedra (P1).
     integration : {"full", "mean_dilatation"}, default: "full"
@@ -77,7 +77,7 @@ class FiniteElementModel:
     def __init__(
         self,
         tissue: Tissue,
-        material: Material | None = None,
+        material: Material | CellMaterial | None = None,
         *,
         element: str = "hexahedron",
         integration: str = "full",
@@ -88,8 +88,11 @@ class FiniteElementModel:
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(25))")
         self.tissue = tissue
-        if not isinstance(material, Material | None):
+        if not isinstance(material, Material | CellMaterial | None):
             raise ValueError(f"material = {material!r} is not a Material; make one, e.g. Material(10.0, 0.45)")
+        cells_wanted = tuple(n - 1 for n in tissue.grid.shape)
+        if isinstance(material, CellMaterial) and material.first_lame.shape != cells_wanted:
+            raise ValueError(f"material has {material.first_lame.shape} cells; give the grid's {cells_wanted}")
         self.material = Material() if material is None else material
         self.element = _validate.choice("element", element, ELEMENTS)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)

@@ -44,7 +44,7 @@ def assemble(system: System) -> Matrices:
     nodes = len(system.points)
     pairs, place = np.unique(rows.ravel() * np.int64(nodes) + columns.ravel(), return_inverse=True)
     laplace = products[0, 0] + products[1, 1] + products[2, 2]
-    lame, shear = system.material.first_lame, system.material.shear_modulus
+    lame, shear = system.moduli
     blocks = np.empty((len(pairs), 3, 3))
     for a in range(3):
         for b in range(3):

@@ -1,0 +1,28 @@
+"""The generated scenes in the elastic solver, and the same cells in the reference finite elements."""
+
+import numpy as np
+
+import sonospline as ss
+from elastic_problems import largest_difference
+from sonospline.elastic import ElasticSolver, TissueMap, TissueMaterial, scene
+from sonospline.fem import CellMaterial, FiniteElementModel, LineForce
+
+NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
+
+
+def bone_of(contrast):
+    """A bar of bone so many times as stiff as the tissue around it."""
+    tissues = scene("bone", voxels=48)
+    bone = TissueMaterial(stiffness_kpa=contrast, rigid=True)
+    return TissueMap(tissues.labels, {**tissues.materials, 1: bone})
+
+
+def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **options):
+    """Largest difference of the two converged fields, over the peak."""
+    tissue = ss.Tissue(ss.Grid.unit_cube(nodes))
+    solver = ElasticSolver(tissue, tissues, nodes=nodes**3, integration=integration)
+    assert solver.grid.shape == tissue.grid.shape
+    cells = CellMaterial(solver.moduli.lame, solver.moduli.shear)
+    model = FiniteElementModel(tissue, cells, integration=integration, **options)
+    found = solver.solve(LineForce(), NEEDLE, tolerance=2e-5).displacement
+    return largest_difference(np.moveaxis(found, 0, -1), model.solve(LineForce(), NEEDLE))
