@@ -1,6 +1,7 @@
 """Synthetic B-mode: speckle statistics, its motion, attenuation, and the twin."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from scipy.signal import fftconvolve
 import sonospline as ss
 from sonospline import _core
 from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound, facing
-from sonospline.ultrasound.optics import CUT_WEIGHT
+from sonospline.ultrasound.aim import aim
+from sonospline.ultrasound.optics import CUT_WEIGHT, Optics
+from sonospline.volume import Volume
 
 LINEAR = Probe.linear(depth_mm=40, lines=128, aperture_mm=25.4)
 CURVED = Probe.curvilinear(depth_mm=100, lines=128, aperture_mm=42)
@@ -197,8 +200,6 @@ def two_layers(tissue):
     """Liver over 15 mm of something over liver."""
     voxels = np.zeros((60, 30, 60), np.uint8)
     voxels[:, :, 24:39] = 1
-    from sonospline.volume import Volume
-
     return Scene(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: tissue})
 
 
@@ -311,6 +312,77 @@ def test_every_instruction_set_agrees_with_the_twin(probe, monkeypatch):
             assert np.abs(found.frame.pixels.astype(int) - expected.frame.pixels).max() <= 2
     finally:
         _core.native.use_instruction_set(used)
+
+
+@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
+def test_every_instruction_set_chooses_the_scatterers_of_the_twin(probe, monkeypatch):
+    """In a scene with textures and interfaces, seen obliquely, over a lattice turned against it."""
+    voxels = np.zeros((70, 30, 60), np.uint8)
+    voxels[:, :, 20:40], voxels[30:, :, 40:] = 1, 2
+    scene = Scene(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), {0: "liver", 1: "muscle", 2: "urine"})
+    pose = facing((35, 18, 1), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
+    turn = facing((0, 0, 0), depth=(0.1, 1, 0), right=(1, 0, 0.2))[:3, :3]
+    grid = ss.Grid(shape=(20, 9, 18), spacing=(3, 4, 3.5), origin=(5, -2, 3), direction=turn)
+
+    def chosen():
+        frames, nodes, starts, place, amplitude, step = aim(scene, Optics(probe), pose, grid, 3.0, 5)[:6]
+        cell = np.repeat(np.arange(len(nodes)), np.diff(starts))
+        each = [nodes[cell, :1], frames[cell][:, :14], place[:, : len(cell)].T / 65536, amplitude[: len(cell)] * step]
+        table = np.column_stack(each)
+        return table[np.lexsort(np.round(table[:, [0, 15, 16, 17]], 3).T)]
+
+    monkeypatch.setattr(_core, "active", _core.twin)
+    expected = chosen()
+    monkeypatch.setattr(_core, "active", _core.native)
+    used = _core.native.instruction_set()
+    try:
+        for name in _core.native.instruction_sets():
+            _core.native.use_instruction_set(name)
+            found = chosen()
+            assert found.shape == expected.shape
+            assert len(found) > 20_000
+            assert np.mean(np.abs(found - expected).max(axis=1) > 1e-4) < 1e-3
+    finally:
+        _core.native.use_instruction_set(used)
+
+
+def test_a_moved_probe_shows_what_a_new_one_would():
+    scanner = liver_scanner(CURVED)
+    before = scanner.render(a_field()).iq
+    pose = facing((72, 14, 5), depth=(0.1, 0.05, 1), right=(1, 0, 0))
+    moved = scanner.moved(pose)
+    new = Ultrasound(scanner.scene, CURVED, pose, display=FLAT, margin_mm=0.2)
+    assert np.array_equal(moved.render(a_field()).iq, new.render(a_field()).iq)
+    assert np.allclose(moved.image_to_reference, pose)
+    assert np.array_equal(scanner.render(a_field()).iq, before)
+
+
+def test_another_setting_of_the_probe_shows_what_a_new_scanner_would():
+    scanner = liver_scanner(CURVED)
+    before = scanner.render(a_field()).iq
+    for probe in (replace(CURVED, depth_mm=80, frequency_mhz=4.5, elevation_focus_mm=40), LINEAR):
+        other = scanner.with_probe(probe)
+        new = Ultrasound(
+            scanner.scene, probe, scanner.image_to_reference, display=FLAT, margin_mm=0.2,
+            picture_shape=scanner.plane.shape,
+        )  # fmt: skip
+        found, expected = other.render(a_field()), new.render(a_field())
+        assert np.array_equal(found.iq, expected.iq)
+        assert np.array_equal(found.frame.pixels, expected.frame.pixels)
+        assert np.array_equal(found.frame.mask, expected.frame.mask)
+    assert np.array_equal(scanner.render(a_field()).iq, before)
+    with pytest.raises(ValueError, match="probe = str"):
+        scanner.with_probe("linear")
+
+
+def test_a_field_on_a_lattice_of_its_own_is_sampled_on_its_grid():
+    field = a_field()
+    coarse = ss.Grid.covering((140, 30, 108), nodes=2000)
+    other = ss.GridField(field.grid, field.displacement(coarse.points).reshape(*coarse.shape, 3), lattice=coarse)
+    at_nodes = ss.GridField(field.grid, other.on_grid())
+    scanner = liver_scanner(LINEAR)
+    assert np.array_equal(scanner.render(other).iq, scanner.render(at_nodes).iq)
 
 
 # --- rendering never stops a simulation; what is wrong is said at the border ---

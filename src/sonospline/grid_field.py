@@ -130,7 +130,9 @@ class GridField(Field):
     @cached_property
     def along_axes(self) -> NDArray[np.float32]:
         """The values along the lattice axes, as the core takes them."""
-        return np.ascontiguousarray(self.values @ self._nodes.direction, dtype=np.float32)
+        axes = self._nodes.direction
+        along = self.values if np.array_equal(axes, np.eye(3)) else self.values @ axes
+        return np.ascontiguousarray(along, dtype=np.float32)
 
     @cached_property
     def _sampled(self) -> NDArray[np.float32]:
@@ -151,3 +153,9 @@ class GridField(Field):
         missing = target[converged] - self.forward(x[converged])
         residual = float(np.linalg.norm(missing, axis=1).max(initial=0.0))
         return x, InverseReport(converged, int(iterations.max(initial=0)), residual)
+
+
+def at_nodes(field: Field) -> GridField:
+    """Return a field as values at the nodes of its own grid: itself where it is that, else sampled."""
+    known = isinstance(field, GridField) and field.lattice is field.grid
+    return field if known else GridField.of(field)  # type: ignore[return-value]

@@ -1,5 +1,6 @@
 from .twin import BmodePlan as BmodePlan
 from .twin import CholeskyFactor as CholeskyFactor
+from .twin import EchoScene as EchoScene
 from .twin import ElasticMultigrid as ElasticMultigrid
 from .twin import MultilevelPlan as MultilevelPlan
 from .twin import gradient_at_points as gradient_at_points

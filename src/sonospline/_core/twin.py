@@ -21,6 +21,7 @@ from .twin_sampling import invert_lattice as invert_lattice
 from .twin_sampling import resample_lattice as resample_lattice
 from .twin_sampling import reslice as reslice
 from .twin_sampling import sample_lattice as sample_lattice
+from .twin_scatterers import EchoScene as EchoScene
 
 Array = NDArray[np.float64]
 

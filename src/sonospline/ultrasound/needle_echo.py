@@ -19,7 +19,6 @@ from ..needle import Needle
 from . import pose
 from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics
 from .probe import SPEED_OF_SOUND
-from .scatterers import beam_directions
 
 Array = NDArray[np.float64]
 
@@ -153,7 +152,7 @@ def echo(
     if not seen.any():
         return np.zeros((0, 4), np.float32), no_shadow
     direction = transform[:3, :3].T @ needle.direction
-    sine = np.abs(beam_directions(optics, points) @ direction)
+    sine = np.abs(probe.beam_directions(points) @ direction)
     beta = np.degrees(np.arcsin(np.clip(sine, 0, 1)))
     rms = np.sqrt(optics.power_at(r))
     # one point's share of a line that is as bright as wanted: the beam sees sqrt(2 pi) s_along of it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ CUT_WEIGHT = float(np.exp(-(ELEVATION_CUT**2) / 2))
 RAYS, RAY_SAMPLES = 96, 256
 MARGIN_MM = 6.0
 
+_POINTS_PER_BEAM = 8
+_LINES_BESIDE = 2  # beyond the outermost, whose echoes the beams still touch
 _APERTURE_RAYS = 1.6  # standard deviation, in coarse beams, of the aperture that blurs shadows
 _REACH = 3.3  # standard deviations of the pulse and the beam that are kept
 # The linear splat between lines widens the beam: wanted width -> width of the taps, in lines.
@@ -83,8 +85,35 @@ class Optics:
         """Return scatterers per mm^3 at a range: so many per resolution cell."""
         probe = self.probe
         r = np.clip(range_mm, 0, probe.depth_mm)
-        cell = (2 * np.sqrt(np.pi)) ** 3 * probe.axial_sigma * probe.lateral_sigma(r) * probe.elevation_sigma(r)
-        return SCATTERERS_PER_CELL / cell
+        across = np.maximum(probe.f_number, r / probe.active_aperture_mm)
+        return 1 / (self._cell_mm2 * across * probe.elevation_sigma(r))
+
+    @property
+    def _cell_mm2(self) -> float:
+        """Tissue that a scatterer stands for over max(F#, r / D) s_e."""
+        probe = self.probe
+        lateral = float(probe.lateral_sigma(0.0)) / probe.f_number
+        return float((2 * np.sqrt(np.pi)) ** 3 * probe.axial_sigma * lateral / SCATTERERS_PER_CELL)
+
+    @property
+    def _points_per_mm2(self) -> float:
+        """How many points on an interface look smooth to the probe: so many in a beam at its narrowest."""
+        probe = self.probe
+        narrowest = probe.lateral_fwhm(np.linspace(0, probe.depth_mm, 200)).min() * probe.elevation_mm
+        return float(_POINTS_PER_BEAM / narrowest)
+
+    def view(self, margin_mm: float, per_brick: int) -> tuple[float, ...]:
+        """Return what the core chooses scatterers by, for displacements up to ``margin_mm``."""
+        probe = self.probe
+        finest = float(self.density(np.linspace(0, probe.depth_mm, 200)).max())
+        numbers = (
+            probe.curved, probe.apex_mm, probe.depth_mm, probe.half_angle, 0 if probe.curved else probe.aperture_mm / 2,
+            probe.line_step, probe.lines, _LINES_BESIDE * float(probe.line_spacing(probe.depth_mm)), self.cycles_per_mm,
+            float(probe.elevation_sigma(probe.elevation_focus_mm)), probe.elevation_spread, probe.elevation_focus_mm,
+            ELEVATION_CUT, self._cell_mm2, probe.f_number, probe.active_aperture_mm, margin_mm,
+            (per_brick / finest) ** (1 / 3), probe.sample_mm, self._points_per_mm2,
+        )  # fmt: skip
+        return tuple(float(number) for number in numbers)
 
     def power_at(self, range_mm: Array) -> Array:
         """Return P at any range."""
@@ -104,7 +133,7 @@ class Optics:
         weights = np.exp(-0.5 * ((at - line[:, None]) / _APERTURE_RAYS) ** 2)
         return first.astype(np.int32), (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
 
-    def plan(self, plane: ImagePlane) -> Any:
+    def plan(self, scan: Scan) -> Any:
         """Return the core's plan of this probe and picture."""
         probe = self.probe
         geometry = (
@@ -113,11 +142,11 @@ class Optics:
             ELEVATION_CUT**2, CUT_WEIGHT, probe.depth_mm, MARGIN_MM,
         )  # fmt: skip
         first, smoothing = self.shadow_smoothing()
-        pixel, fraction = scan_table(probe, plane)
         return _core.active.BmodePlan(
             tuple(float(value) for value in geometry),
             probe.curved, probe.lines, probe.samples, self.axial.astype(np.float32),
-            np.ascontiguousarray(self.lateral, np.float32), RAYS, RAY_SAMPLES, first, smoothing, pixel, fraction,
+            np.ascontiguousarray(self.lateral, np.float32), RAYS, RAY_SAMPLES, first, smoothing, scan.pixel,
+            scan.fraction,
         )  # fmt: skip
 
 
@@ -137,18 +166,29 @@ def picture_plane(
     )
 
 
-def scan_table(probe: Probe, plane: ImagePlane) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return each pixel's sample (-1 outside the fan), and the fractions to the next line and sample."""
-    rows, columns = plane.shape
-    x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
-    y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)
-    flat = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 0.0), axis=-1).reshape(-1, 3)
-    r, line, _ = probe.beam_coordinates(flat).T
-    sample = r / probe.sample_mm
-    inside = (line >= 0) & (line <= probe.lines - 1) & (sample >= 0) & (sample <= probe.samples - 1)
-    line, sample = np.clip(line, 0, probe.lines - 1), np.clip(sample, 0, probe.samples - 1)
-    l0 = np.minimum(line.astype(np.int32), probe.lines - 2)
-    s0 = np.minimum(sample.astype(np.int32), probe.samples - 2)
-    pixel = np.where(inside, l0 * probe.samples + s0, -1).astype(np.int32)
-    fraction = np.minimum(256 * np.column_stack([line - l0, sample - s0]), 255).astype(np.uint8)
-    return pixel.reshape(plane.shape), fraction.reshape(*plane.shape, 2)
+class Scan(NamedTuple):
+    """Where the pixels of a picture lie among the samples of the beams."""
+
+    pixel: NDArray[np.int32]
+    """(rows, columns) sample before each, counted through all lines; -1 outside the fan."""
+    fraction: NDArray[np.uint8]
+    """(rows, columns, 2) of the way to the next line and to the next sample, of 256."""
+    fan: NDArray[np.bool_]
+    """(rows, columns) whether a beam passes."""
+
+    @classmethod
+    def of(cls, probe: Probe, plane: ImagePlane) -> Scan:
+        """Return the scan conversion of a picture; the plane's pose does not matter."""
+        rows, columns = plane.shape
+        x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
+        y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)
+        flat = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 0.0), axis=-1).reshape(-1, 3)
+        r, line = probe.beam_coordinates(flat).T[:2].reshape(2, rows, columns)
+        sample = r / probe.sample_mm
+        fan = (r >= 0) & (r <= probe.depth_mm) & (line >= 0) & (line <= probe.lines - 1)
+        line, held = np.clip(line, 0, probe.lines - 1), np.clip(sample, 0, probe.samples - 1)
+        l0 = np.minimum(line.astype(np.int32), probe.lines - 2)
+        s0 = np.minimum(held.astype(np.int32), probe.samples - 2)
+        pixel = np.where(fan & (sample <= probe.samples - 1), l0 * probe.samples + s0, -1).astype(np.int32)
+        fraction = np.minimum(256 * np.stack([line - l0, held - s0], axis=-1), 255).astype(np.uint8)
+        return cls(pixel, fraction, fan)

@@ -216,6 +216,14 @@ class Probe:
         reach = r + self.apex_mm
         return np.column_stack([reach * np.sin(across), reach * np.cos(across) - self.apex_mm, z])
 
+    def beam_directions(self, points: Array) -> Array:
+        """Return unit vectors (m, 3) of the beams through image points (m, 3)."""
+        if not self.curved:
+            return np.broadcast_to([0.0, 1.0, 0.0], points.shape)
+        from_apex = points * [1, 1, 0] + [0, self.apex_mm, 0]
+        directions: Array = from_apex / np.maximum(np.linalg.norm(from_apex, axis=1, keepdims=True), 1e-9)
+        return directions
+
     @cached_property
     def footprint(self) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of what the beams cover, in the image frame, mm."""

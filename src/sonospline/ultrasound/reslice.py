@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..field import Field
-from ..grid_field import GridField
+from ..grid_field import GridField, at_nodes
 from ..volume import Volume
 from .frame import Frame
 from .plane import ImagePlane
@@ -96,9 +96,9 @@ class Reslicer:
         plane : ImagePlane
             Where to cut.
         field : Field, optional
-            The deformation; a field that is not a :class:`~sonospline.GridField` is sampled on its grid.
+            The deformation; one that is not known at the nodes of its grid is sampled there.
         """
-        grid_field = self._still if field is None else field if isinstance(field, GridField) else GridField.of(field)
+        grid_field = self._still if field is None else at_nodes(field)
         grid, lattice = grid_field.grid, self.volume.lattice
         pixel = grid.direction.T @ (plane.affine - np.outer(grid.origin, (0, 0, 1)))
         to_index = np.diag(1 / np.array(lattice.spacing)) @ lattice.direction.T

@@ -6,16 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _memory
+from .. import _core, _memory
 from .._extras import require
 from ..io.volumes import to_sitk
 from ..volume import Volume
 from .acoustics import TISSUES, AcousticTissue, write_table
-from .interfaces import Interfaces, find_interfaces
+from .interfaces import Interfaces
+from .scatterers import echo_scene
 
 Array = NDArray[np.float64]
 
@@ -81,8 +83,9 @@ class Scene:
         return cls(labels, {0: tissue})  # type: ignore[dict-item]
 
     def table(self, quantity: str) -> Array:
-        """Return one property of every label as an array (256,); labels without a tissue take label 0's."""
-        values = np.full(256, getattr(self.tissues[0], quantity), float)
+        """Return one property of every label, (256,) or (256, 3); labels without a tissue take label 0's."""
+        plain = np.asarray(getattr(self.tissues[0], quantity), float)
+        values = np.broadcast_to(plain, (256, *plain.shape)).copy()
         for label, tissue in self.tissues.items():
             values[label] = getattr(tissue, quantity)
         return values
@@ -92,14 +95,26 @@ class Scene:
         """The label map as the core takes it."""
         return np.ascontiguousarray(self.labels.voxels, np.uint8)
 
-    def interfaces(self, low_mm: Array, high_mm: Array) -> Interfaces:
-        """Return points on the surfaces where the impedance steps, in a box of the lattice frame."""
-        spacing, shape = np.array(self.labels.lattice.spacing), self.bytes.shape
-        first, last = np.floor(low_mm / spacing).astype(int), np.ceil(high_mm / spacing).astype(int) + 1
-        window = tuple(slice(max(0, a), max(0, min(n, b))) for a, b, n in zip(first, last, shape, strict=True))
-        if min(w.stop - w.start for w in window) < 1:
-            return Interfaces(*(np.zeros(s, np.float32) for s in ((0, 3), (0, 3), 0, 0)))
-        return find_interfaces(self.bytes, self.labels.lattice, self.table("impedance"), window)  # type: ignore[arg-type]
+    @cached_property
+    def interfaces(self) -> Interfaces:
+        """Points on the surfaces where the impedance steps."""
+        points, normals, reflection, area = self.echoes.interfaces()
+        lattice = self.labels.lattice
+        world, turned = lattice.world(points), normals @ lattice.direction.T
+        return Interfaces(world.astype(np.float32), turned.astype(np.float32), reflection, area)
+
+    @property
+    def echoes(self) -> Any:
+        """The core's part of the scene, which chooses scatterers; made once for each backend."""
+        backend = _core.backend()
+        if backend not in self._echoes:
+            tables = (self.table(name) for name in ("impedance", "backscatter_db", "texture_db", "texture_mm"))
+            self._echoes[backend] = echo_scene(self.bytes, self.labels.lattice.spacing, *tables)
+        return self._echoes[backend]
+
+    @cached_property
+    def _echoes(self) -> dict[str, Any]:
+        return {}
 
     def refined(self, spacing_mm: float) -> Scene:
         """Return the same scene on a finer lattice, its surfaces rounded instead of stepped.

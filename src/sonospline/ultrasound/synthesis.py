@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _validate
 from ..field import Field
 from ..grid import Grid
-from ..grid_field import GridField
+from ..grid_field import GridField, at_nodes
 from ..needle import Needle
 from . import needle_echo, pose
 from .aim import aim
 from .frame import Frame
 from .needle_echo import NeedleEcho
-from .optics import Optics, picture_plane
+from .optics import Optics, Scan, picture_plane
+from .plane import ImagePlane
 from .probe import Probe
-from .scatterers import Scatterers, interface_scatterers, volume_scatterers
 from .scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -134,22 +135,51 @@ class Ultrasound:
             raise ValueError(f"scene = {type(scene).__name__} is not a Scene; make one from a label map")
         if not isinstance(probe, Probe):
             raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
-        self.scene, self.probe, self.optics = scene, probe, Optics(probe)
-        self.image_to_reference = pose.rigid("image_to_reference", image_to_reference)
+        self.scene = scene
         self.display = Display() if display is None else display
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
         self.seed = _validate.count("seed", seed, least=0)
-        self.plane = picture_plane(probe, self.image_to_reference, picture_shape)
         margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
-        self._aimed = _Aimed(self.optics.plan(self.plane), margin_mm)
+        transform = pose.rigid("image_to_reference", image_to_reference)
+        self._use(probe, picture_plane(probe, transform, picture_shape), margin_mm)
 
     def moved(self, image_to_reference: ArrayLike) -> Ultrasound:
-        """Return the same scanner at another pose."""
-        rows_columns = self.plane.shape
-        return Ultrasound(
-            self.scene, self.probe, image_to_reference, display=self.display, needle_echo=self.needle_echo,
-            picture_shape=rows_columns, seed=self.seed, margin_mm=self._aimed.margin_mm,
-        )  # fmt: skip
+        """Return the same scanner at another pose, with the image that a new one would show there.
+
+        What does not depend on the pose is shared. Scatterers are chosen anew by the next :meth:`render`:
+        tens of milliseconds, fast enough for a probe in a hand.
+        """
+        other = copy.copy(self)
+        other.plane = replace(self.plane, image_to_reference=pose.rigid("image_to_reference", image_to_reference))
+        other._aimed = _Aimed(self.optics.plan(self._scan), self._aimed.margin_mm)
+        return other
+
+    def with_probe(self, probe: Probe) -> Ultrasound:
+        """Return a scanner with another probe, or another setting of it, at the same pose and picture size.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+        >>> scene = Scene.uniform("liver", size_mm=(40, 10, 70))
+        >>> pose = facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0))
+        >>> scanner = Ultrasound(scene, Probe.linear(depth_mm=30), pose)
+        >>> scanner.with_probe(replace(scanner.probe, depth_mm=60, frequency_mhz=5)).probe.depth_mm
+        60
+        """
+        if not isinstance(probe, Probe):
+            raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
+        other = copy.copy(self)
+        for cached in ("_no_needle", "_noise", "_noise_level", "_offset_db"):
+            other.__dict__.pop(cached, None)
+        plane = picture_plane(probe, self.image_to_reference, self.plane.shape)
+        other._use(probe, plane, self._aimed.margin_mm)
+        return other
+
+    @property
+    def image_to_reference(self) -> NDArray[np.float64]:
+        """Pose of the probe, (4, 4)."""
+        return self.plane.image_to_reference
 
     def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
         """Return the image of the deformed scene.
@@ -160,13 +190,13 @@ class Ultrasound:
         Parameters
         ----------
         field : Field, optional
-            The deformation; one that is not a :class:`~sonospline.GridField` is sampled on its grid.
+            The deformation; one that is not known at the nodes of its grid is sampled there.
         needle : Needle, optional
             The needle in the tissue, where it is now.
         frame : int, default: 0
             Number of the frame: electronic noise differs from frame to frame.
         """
-        grid_field = self._still if field is None else field if isinstance(field, GridField) else GridField.of(field)
+        grid_field = self._still if field is None else at_nodes(field)
         largest = _largest(grid_field)
         if not np.isfinite(largest):
             logger.warning("the field contains NaN or infinity; the tissue is shown undeformed")
@@ -182,33 +212,31 @@ class Ultrasound:
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_echo.SHADOW_SOFT_MM,
             self._noise[start:], self._noise_level, self._offset_db, self.display.range_db,
         )  # fmt: skip
-        return BMode(Frame(picture, self.plane, self._fan), grey, iq.view(np.complex64)[..., 0], self.optics)
+        return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
 
     def with_display(self, **settings: float) -> Ultrasound:
         """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
-        import copy
-
         other = copy.copy(self)
         other.display = replace(self.display, **settings)
         for cached in ("_offset_db", "_noise_level"):
             other.__dict__.pop(cached, None)
         return other
 
+    def _use(self, probe: Probe, plane: ImagePlane, margin_mm: float) -> None:
+        self.probe, self.optics, self.plane = probe, Optics(probe), plane
+        self._scan = Scan.of(probe, plane)
+        self._aimed = _Aimed(self.optics.plan(self._scan), margin_mm)
+
     def _aim(self, grid: Grid, largest_mm: float) -> None:
         """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
         aimed = self._aimed
         if largest_mm > aimed.margin_mm:
             aimed.margin_mm = 1.5 * largest_mm
-        scatterers = self._scatterers(aimed.margin_mm)
-        if not len(scatterers.points):
+        seen = aim(self.scene, self.optics, self.image_to_reference, grid, aimed.margin_mm, self.seed)
+        if not len(seen.frames):
             logger.warning("the probe sees nothing: its plane misses the scene, or all of it is fluid")
-        aimed.plan.aim(*aim(self.scene, self.optics, self.image_to_reference, grid, scatterers))
+        aimed.plan.aim(*seen)
         aimed.grid = grid
-
-    def _scatterers(self, margin_mm: float) -> Scatterers:
-        volume = volume_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm, self.seed)
-        surface = interface_scatterers(self.scene, self.optics, self.image_to_reference, margin_mm)
-        return Scatterers(*(np.concatenate(pair) for pair in zip(volume, surface, strict=True)))
 
     @cached_property
     def _still(self) -> GridField:
@@ -236,13 +264,6 @@ class Ultrasound:
         """What brings the log of |s|^2 to the display: the speckle's own power taken out, TGC and gain added."""
         tgc = 2 * self.display.tgc_db_cm_mhz * self.probe.frequency_mhz * self.probe.ranges / 10
         return (tgc - 10 * np.log10(self.optics.speckle_power) + self.display.gain_db).astype(np.float32)
-
-    @cached_property
-    def _fan(self) -> NDArray[np.bool_]:
-        flat = self.plane.project(self.plane.points)
-        r, line, _ = self.probe.beam_coordinates(flat).T
-        inside = (r >= 0) & (r <= self.probe.depth_mm) & (line >= 0) & (line <= self.probe.lines - 1)
-        return inside.reshape(self.plane.shape)
 
 
 @dataclass

@@ -91,6 +91,7 @@ NB_MODULE(_native, m) {
     });
     bind_multilevel(m);
     bind_reslice(m);
+    bind_scatterers(m);
     bind_elastic(m);
     m.def("thread_count", &sono::thread_count);
     m.def("set_thread_count", &sono::set_thread_count, "count"_a);

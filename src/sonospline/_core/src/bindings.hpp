@@ -35,3 +35,4 @@ void bind_elastic(nanobind::module_ &m);
 void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
 void bind_reslice(nanobind::module_ &m);
+void bind_scatterers(nanobind::module_ &m);

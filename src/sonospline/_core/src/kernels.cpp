@@ -93,13 +93,15 @@ void values(Kernel kernel, const Tile<double> &p, const double centre[3], double
 }  // namespace
 
 extern const BmodeKernels bmode_kernels;
+extern const BrickKernels brick_kernels;
 extern const CholeskyKernels cholesky_kernels;
 extern const MultilevelKernels multilevel;
 extern const ElasticKernels elastic;
 extern const RowKernels rows;
 extern const KernelTable table;
-const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &cholesky_kernels, &multilevel, &elastic,
-                           &rows,               sum<float>,      sum<double>,       gradient,     values};
+const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &brick_kernels,   &cholesky_kernels,
+                           &multilevel,         &elastic,       &rows,            sum<float>,
+                           sum<double>,         gradient,       values};
 
 }  // namespace SONO_ISA
 }  // namespace sono

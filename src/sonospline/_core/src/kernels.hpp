@@ -21,6 +21,7 @@ template <class T> struct Tile {
 };
 
 struct BmodeKernels;
+struct BrickKernels;
 struct CholeskyKernels;
 struct MultilevelKernels;
 struct ElasticKernels;
@@ -29,6 +30,7 @@ struct RowKernels;
 struct KernelTable {
     const char *name;
     const BmodeKernels *bmode;
+    const BrickKernels *brick;
     const CholeskyKernels *cholesky;
     const MultilevelKernels *multilevel;
     const ElasticKernels *elastic;

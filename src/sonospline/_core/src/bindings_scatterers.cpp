@@ -1,0 +1,124 @@
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+
+#include <algorithm>
+#include <cstring>
+#include <tuple>
+
+#include "bindings.hpp"
+#include "brick_kernels.hpp"
+#include "scatterers.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+template <class T, class Shape> using Array = nb::ndarray<const T, Shape, nb::c_contig, nb::device::cpu>;
+using Labels = Array<std::uint8_t, nb::shape<-1, -1, -1>>;
+using PerLabel = Array<double, nb::shape<256>>;
+using Steps = Array<double, nb::shape<256, 3>>;
+using Volume = Array<float, nb::shape<-1, -1, -1>>;
+using Places = Array<float, nb::shape<-1, 3, -1>>;
+using Table = Array<float, nb::shape<-1, -1>>;
+using Affine34 = Array<double, nb::shape<3, 4>>;
+
+sono::Affine34 affine(const Affine34 &m) {
+    sono::Affine34 out;
+    std::copy_n(m.data(), out.size(), out.begin());
+    return out;
+}
+
+// Holds the arrays that the scene points into.
+class EchoScene {
+  public:
+    EchoScene(Labels labels, const std::array<double, 3> &spacing, PerLabel impedance, PerLabel level_db, PerLabel texture_db,
+              Steps texture_step, Volume texture, Places places, Table signs, const std::array<double, 7> &interfaces,
+              double no_echo)
+        : labels_(labels), impedance_(impedance), level_(level_db), texture_db_(texture_db), step_(texture_step),
+          texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
+
+    auto interfaces() {
+        std::size_t count = 0;
+        {
+            nb::gil_scoped_release release;
+            for (const auto &block : scene_.interfaces()) count += block.points.size();
+        }
+        auto place = new_array<float, 2>({count, 3}), normal = new_array<float, 2>({count, 3});
+        auto reflection = new_array<float, 1>({count}), area = new_array<float, 1>({count});
+        std::size_t at = 0;
+        for (const auto &block : scene_.interfaces())
+            for (const sono::InterfacePoint &point : block.points) {
+                std::copy_n(point.place, 3, place.data() + 3 * at);
+                std::copy_n(point.normal, 3, normal.data() + 3 * at);
+                reflection.data()[at] = point.reflection, area.data()[at++] = point.area;
+            }
+        return std::tuple(place, normal, reflection, area);
+    }
+
+    auto choose(const std::array<double, sono::kViewNumbers> &probe, Affine34 to_image, Affine34 to_cell,
+                Affine34 cell_to_image, const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
+                Array<double, nb::shape<-1>> power, std::uint64_t seed) {
+        if (power.shape(0) < 2) throw nb::value_error("power is too short");
+        sono::View view{{},    affine(to_image), affine(to_cell),  affine(cell_to_image), shape, spacing,
+                        power.data(), power.shape(0), seed};
+        std::memcpy(&view.probe, probe.data(), sizeof view.probe);
+        const sono::Choice choice = [&] {
+            nb::gil_scoped_release release;
+            return scene_.choose(view);
+        }();
+        const std::size_t cells = choice.frames.size(), stride = choice.size() + sono::kEchoSlack;
+        auto frames = new_array<float, 2>({cells, sono::kFrameFloats});
+        auto nodes = new_array<std::int32_t, 2>({cells, 4});
+        auto starts = new_array<std::int32_t, 1>({cells + 1});
+        auto place = new_array<std::uint16_t, 2>({3, stride});
+        auto amplitude = new_array<std::int16_t, 1>({stride});
+        {
+            nb::gil_scoped_release release;
+            choice.write(place.data(), amplitude.data(), stride);
+            std::memcpy(frames.data(), choice.frames.data(), cells * sizeof(sono::CellFrame));
+            std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
+            std::copy(choice.starts.begin(), choice.starts.end(), starts.data());
+        }
+        return std::tuple(frames, nodes, starts, place, amplitude, choice.amplitude_step);
+    }
+
+  private:
+    sono::EchoTables tables(const std::array<double, 3> &spacing) const {
+        const std::size_t side = texture_.shape(0), patterns = places_.shape(0);
+        if (side < 2 || texture_.shape(1) != side || texture_.shape(2) != side)
+            throw nb::value_error("texture is no cube");
+        if (patterns == 0 || (patterns & (patterns - 1)) || signs_.shape(0) != patterns ||
+            signs_.shape(1) != places_.shape(2))
+            throw nb::value_error("places and signs differ in length, or are no power of two");
+        if (signs_.shape(1) > sono::kMostInBrick) throw nb::value_error("signs is too long");
+        return {{labels_.data(), {labels_.shape(0), labels_.shape(1), labels_.shape(2)}, spacing},
+                impedance_.data(), level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
+                places_.data(), signs_.data(), patterns, places_.shape(2)};
+    }
+    static sono::InterfaceNumbers numbers(const std::array<double, 7> &n) {
+        return {n[0], n[1], n[2], n[3], n[4], n[5], n[6]};
+    }
+
+    Labels labels_;
+    PerLabel impedance_, level_, texture_db_;
+    Steps step_;
+    Volume texture_;
+    Places places_;
+    Table signs_;
+    sono::EchoScene scene_;
+};
+
+}  // namespace
+
+void bind_scatterers(nb::module_ &m) {
+    nb::class_<EchoScene>(m, "EchoScene")
+        .def(nb::init<Labels, const std::array<double, 3> &, PerLabel, PerLabel, PerLabel, Steps, Volume, Places, Table,
+                      const std::array<double, 7> &, double>(),
+             "labels"_a, "spacing"_a, "impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
+             "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
+        .def("interfaces", &EchoScene::interfaces)
+        .def("choose", &EchoScene::choose, "probe"_a, "to_image"_a, "to_cell"_a, "cell_to_image"_a, "shape"_a,
+             "spacing"_a, "power"_a, "seed"_a);
+}
