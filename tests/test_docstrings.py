@@ -13,7 +13,7 @@ import sonospline
 ROOT = Path(sonospline.__file__).parent
 EXTRAS = (
     *("SimpleITK", "vtk", "vtkmodules", "matplotlib", "PIL", "pyvista", "pydicom", "rich"),
-    *("skfem", "pyamg", "pypardiso", "pymoo", "distributed"),
+    *("skfem", "pyamg", "pypardiso", "pymoo", "distributed", "starlette", "uvicorn", "websockets"),
 )
 
 

@@ -19,6 +19,9 @@ PROVIDES = {
     "PIL": "plot",
     "pyvista": "view",
     "pydicom": "dicom",
+    "starlette": "serve",
+    "uvicorn": "serve",
+    "websockets": "serve",
 }
 """Module -> the extra that brings it."""
 

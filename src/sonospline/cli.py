@@ -18,7 +18,7 @@ from types import ModuleType
 
 from ._extras import MissingExtraError
 
-VERBS = ("insert", "image", "tune", "reproduce", "bench", "doctor")
+VERBS = ("serve", "insert", "image", "tune", "reproduce", "bench", "doctor")
 
 _POINT_OPTION = re.compile(r"--(entry|target|origin|look|right)")
 _NEGATIVE = re.compile(r"-[\d.]")

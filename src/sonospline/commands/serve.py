@@ -1,0 +1,101 @@
+"""``sonospline serve``: the live simulator in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from .. import _validate
+
+HELP = "serve the live simulator: a needle and a probe in a browser, tissue that answers"
+EXAMPLES = """examples:
+  sonospline serve                                        # kidney access; open the address it prints
+  sonospline serve --scene gel --port 9000
+  sonospline serve --scene mine.toml
+  sonospline serve --labels organs.nii.gz --names organs.csv --entry-face y+
+  sonospline serve --volume us.mha
+  sonospline serve --host 0.0.0.0 --token SECRET          # for others on the network; Ctrl-C ends it
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    what = parser.add_argument_group("scene (by default access to the kidney)")
+    what.add_argument("--scene", metavar="NAME|FILE", help="kidney, gel, cube, or a scene file (.toml)")
+    what.add_argument("--labels", type=Path, metavar="FILE", help="a label map of your own")
+    what.add_argument("--names", type=Path, metavar="CSV", help="names of its labels (beside it, .csv)")
+    what.add_argument("--volume", type=Path, metavar="FILE", help="a real 3-D image of your own, to be cut")
+    what.add_argument("--entry-face", metavar="FACE", help="its free face, lattice axis and side (y+)")
+    where = parser.add_argument_group("server")
+    where.add_argument("--port", type=int, default=8765, help="port (8765; 0 for any free one)")
+    where.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine alone)")
+    where.add_argument("--token", metavar="TEXT", help="what pages have to know; needed with another --host")
+    where.add_argument("--sessions", type=int, default=8, metavar="N", help="sessions at once, at most (8)")
+    where.add_argument(
+        "--idle", type=float, default=30.0, metavar="MIN", help="minutes until an idle session ends (30)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the address as JSON once it is ready")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Serve until Ctrl-C; return what was served."""
+    from ..simulator.server import Server
+
+    idle_s = 60 * _validate.number("--idle", args.idle, positive=True)
+    sessions = _validate.count("--sessions", args.sessions)
+    server = Server(
+        _library(args), host=args.host, port=_validate.count("--port", args.port, least=0), token=args.token,
+        sessions=sessions, idle_s=idle_s,
+    )  # fmt: skip
+
+    def ready(address: str) -> None:
+        line = json.dumps({"address": address}) if args.json else f"Sonospline is at {address} (Ctrl-C ends it)"
+        print(line, flush=True, file=sys.stdout if args.json else sys.stderr)
+
+    with contextlib.suppress(KeyboardInterrupt):  # the way to end it
+        server.run(ready)
+    return {"address": server.address, "scene": server.library.first}
+
+
+def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
+    """Return what to say at the end."""
+    return f"ended; {report['scene']} was at {report['address']}"
+
+
+def _library(args: argparse.Namespace) -> Any:
+    from ..simulator.library import Entry, Library
+    from ..simulator.scene_file import SHIPPED, SceneFile
+
+    given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]
+    if len(given) > 1:
+        raise ValueError(f"--{given[0]} and --{given[1]} were both given; give the one to show")
+    for name in ("names", "entry_face"):
+        if getattr(args, name) is not None and "labels" not in given and (name == "names" or "volume" not in given):
+            raise ValueError(f"--{name.replace('_', '-')} belongs to --labels or --volume; a scene file says it itself")
+    if args.labels is not None or args.volume is not None:
+        path = args.labels or args.volume
+        return Library({"own": Entry(_own(args, path), path.parent)})
+    if args.scene is None or args.scene in SHIPPED:
+        return Library(first=args.scene or SHIPPED[0])
+    path = Path(args.scene)
+    if path.suffix != ".toml":
+        raise ValueError(f"--scene = {args.scene!r} is not known; give {', '.join(SHIPPED)}, or a .toml file")
+    return Library({path.stem: Entry(SceneFile.read(path), path.parent)}, first=path.stem)
+
+
+def _own(args: argparse.Namespace, path: Path) -> Any:
+    """The scene of a bare label map or image."""
+    from ..simulator._fields import read
+    from ..simulator.scene_file import SceneFile
+
+    if not path.is_file():
+        raise ValueError(f"--{'labels' if args.labels else 'volume'} = {str(path)!r} does not exist; give a file")
+    tissue: dict[str, Any] = {"source": "labels" if args.labels else "volume", "file": path.name}
+    tissue["entry_face"] = args.entry_face or "y+"
+    if args.names is not None:
+        tissue["names"] = str(args.names.resolve())
+    return read(SceneFile, {"name": path.name, "tissue": tissue})

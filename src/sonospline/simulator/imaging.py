@@ -1,0 +1,154 @@
+"""What the probe's picture is made of: synthesised from a label map, or cut from a real volume."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..grid_field import GridField
+from ..needle import Needle
+from ..ultrasound.frame import Frame
+from ..ultrasound.needle_echo import NeedleEcho
+from ..ultrasound.optics import picture_plane
+from ..ultrasound.plane import ImagePlane
+from ..ultrasound.probe import Probe
+from ..ultrasound.reslice import Reslicer
+from ..ultrasound.scene import Scene
+from ..ultrasound.synthesis import Display, Ultrasound
+from .wish import ImageWish
+
+Array = NDArray[np.float64]
+
+_MARGIN_MM = 8.0
+"""Displacement allowed for before scatterers have to be chosen anew."""
+_SAMPLE_SIGMAS = 1.2
+"""Longest sample, in standard deviations of the pulse."""
+
+
+class Imager(ABC):
+    """A probe at a pose, which makes one picture after the other."""
+
+    probe: Probe
+    probe_to_reference: Array
+
+    @abstractmethod
+    def aimed(self, probe: Probe, probe_to_reference: Array) -> Imager:
+        """Return the imager with another probe or at another pose."""
+
+    @abstractmethod
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
+        """Return the picture of the deformed tissue with the needle in it."""
+
+    def out_of_plane(self, point: Array) -> tuple[float, float]:
+        """Return how far a point is out of the image plane (towards the viewer is plus) and half the slice there."""
+        pose = self.probe_to_reference
+        local = (point - pose[:3, 3]) @ pose[:3, :3]
+        beam = self.probe.beam_coordinates(local[None])[0]
+        sigma = float(self.probe.elevation_sigma(np.clip(beam[0], 0, self.probe.depth_mm)))
+        return float(local[2]), float(np.sqrt(2 * np.log(2)) * sigma)
+
+
+class SyntheticImager(Imager):
+    """B-mode of a label map."""
+
+    def __init__(self, scanner: Ultrasound) -> None:
+        self._scanner = scanner
+        self._base = scanner.display.gain_db
+        self.probe, self.probe_to_reference = scanner.probe, scanner.image_to_reference
+
+    @classmethod
+    def of(
+        cls, scene: Scene, probe: Probe, probe_to_reference: Array, *, display: Display, echo: NeedleEcho
+    ) -> SyntheticImager:
+        """Return the imager of a scene."""
+        return cls(
+            Ultrasound(scene, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM)
+        )
+
+    def aimed(self, probe: Probe, probe_to_reference: Array) -> SyntheticImager:
+        old = self._scanner.with_display(gain_db=self._base)
+        if probe == self.probe:
+            return SyntheticImager(old.moved(probe_to_reference))
+        return SyntheticImager.of(
+            old.scene, probe, probe_to_reference, display=old.display, echo=old.needle_echo
+        )  # fmt: skip
+
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
+        if self._scanner.display.gain_db != self._base + gain_db:
+            self._scanner = self._scanner.with_display(gain_db=self._base + gain_db)
+        return self._scanner.render(field, needle, frame=frame).frame
+
+
+class ReslicedImager(Imager):
+    """Cuts of a real volume, the needle painted on them; what a real image does not know (frequency, focus) is left."""
+
+    def __init__(
+        self, reslicer: Reslicer, grey: tuple[float, float], probe: Probe, probe_to_reference: Array, needle_mm: float
+    ) -> None:
+        self._reslicer, self._grey, self._needle_mm = reslicer, grey, needle_mm
+        self.probe, self.probe_to_reference = probe, probe_to_reference
+        self._plane = picture_plane(probe, probe_to_reference, None)
+        self._fan = _fan(probe, self._plane)
+
+    def aimed(self, probe: Probe, probe_to_reference: Array) -> ReslicedImager:
+        return ReslicedImager(self._reslicer, self._grey, probe, probe_to_reference, self._needle_mm)
+
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
+        cut = self._reslicer.cut(self._plane, field)
+        black, white = self._grey
+        grey = (cut.pixels.astype(np.float32) - black) * (255 / (white - black)) + gain_db * (255 / 60)
+        if needle is not None:
+            paint_needle(grey, self._plane, needle, self._needle_mm)
+        seen = self._fan if cut.mask is None else self._fan & cut.mask
+        return Frame(np.where(seen, np.clip(grey, 0, 255), 0).astype(np.uint8), self._plane, seen)
+
+
+def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, diameter_mm: float) -> None:
+    """Brighten, in place, the pixels a needle comes near: a Gaussian of its diameter and the pixel."""
+    sigma = 0.5 * diameter_mm + max(plane.spacing_mm)
+    ends = plane.project(np.stack([needle.entry, needle.tip]))
+    pixel = (ends[:, :2] - plane.corner_mm) / plane.spacing_mm
+    reach = 4 * sigma / min(plane.spacing_mm)
+    low = np.maximum(np.floor(pixel.min(axis=0) - reach), 0).astype(int)
+    high = np.minimum(np.ceil(pixel.max(axis=0) + reach) + 1, plane.shape[::-1]).astype(int)
+    if (high <= low).any():
+        return
+    x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(low[0], high[0])
+    y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(low[1], high[1])[:, None]
+    along = (ends[1] - ends[0]) / needle.depth
+    t = np.clip((x - ends[0, 0]) * along[0] + (y - ends[0, 1]) * along[1] - ends[0, 2] * along[2], 0, needle.depth)
+    foot = [ends[0, a] + t * along[a] for a in range(3)]
+    squared = (x - foot[0]) ** 2 + (y - foot[1]) ** 2 + foot[2] ** 2
+    window = grey[low[1] : high[1], low[0] : high[0]]
+    bright = np.exp(-0.5 * squared / sigma**2).astype(np.float32)
+    window += bright * np.maximum(250 - window, 0)
+
+
+def tuned(probe: Probe, wish: ImageWish) -> Probe:
+    """Return a probe with its knobs where a wish has them, sampled finely enough for its pulse."""
+    if (wish.depth, wish.frequency, wish.focus) == (probe.depth_mm, probe.frequency_mhz, probe.elevation_focus_mm):
+        return probe
+    coarse = replace(probe, depth_mm=1.0, frequency_mhz=wish.frequency)
+    needed = wish.depth / (_SAMPLE_SIGMAS * coarse.axial_sigma)
+    samples = max(1024, 16 * int(np.ceil(needed / 16)))
+    return replace(
+        probe, depth_mm=wish.depth, frequency_mhz=wish.frequency, elevation_focus_mm=wish.focus, samples=samples
+    )
+
+
+def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return what counts as black and as white in a volume: bytes as they are, else all but the last per mille."""
+    if voxels.dtype == np.uint8:
+        return 0.0, 255.0
+    low, high = np.quantile(voxels[seen] if seen.any() else voxels, (0.001, 0.999))
+    return float(low), float(max(high, low + 1e-6))
+
+
+def _fan(probe: Probe, plane: ImagePlane) -> NDArray[np.bool_]:
+    r, line, _ = probe.beam_coordinates(plane.project(plane.points)).T
+    inside = (r >= 0) & (r <= probe.depth_mm) & (line >= 0) & (line <= probe.lines - 1)
+    return inside.reshape(plane.shape)

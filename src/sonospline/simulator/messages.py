@@ -1,0 +1,127 @@
+"""What a client may say: JSON texts, checked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from ._fields import FieldError, read, told
+from .wish import ImageWish, NeedleWish, ProbeWish, Wish
+
+LONGEST = 64 * 1024
+
+
+class MessageError(ValueError):
+    """A message that is refused: what it was about, and its number where it has one."""
+
+    def __init__(self, what: str, problem: str, seq: int | None = None) -> None:
+        self.what, self.seq = what, seq
+        super().__init__(problem)
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """The whole wish, absolute."""
+
+    seq: int = told("number, larger than the last", low=0, high=2**53)
+    needle: NeedleWish = told("needle")
+    probe: ProbeWish = told("probe")
+    image: ImageWish = told("image")
+    frozen: bool = told("freeze")
+
+    @property
+    def wish(self) -> Wish:
+        """The wish in it."""
+        return Wish(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A frame was drawn: credit for another one."""
+
+    frame: int = told("number of the frame", low=0, high=2**53)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """Let another model answer."""
+
+    model: str = told("paper, kelvinlet or elastic")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChooseScene:
+    """Load another scene."""
+
+    id: str = told("one of those in hello")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenScene:
+    """Load a scene file of the user's."""
+
+    name: str = told("its file's name")
+    text: str = told("its text")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """Aim for another target."""
+
+    id: str = told("one of the scene's")
+
+
+@dataclass(frozen=True, kw_only=True)
+class UndoPass:
+    """Take the needle out and forget the pass."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reset:
+    """Everything to the scene's start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restore:
+    """Undo a reset."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What the 3-D view shows."""
+
+    grid: bool = told("whether positions of the grid lines are wanted")
+
+
+Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View
+
+KINDS: dict[str, type[Any]] = {
+    "state": State, "drawn": Drawn, "model": Model, "scene": ChooseScene, "open_scene": OpenScene, "target": Target,
+    "undo_pass": UndoPass, "reset": Reset, "restore": Restore, "view": View,
+}  # fmt: skip
+
+
+def parse(text: str) -> Message:
+    """Return the message in a text.
+
+    Raises
+    ------
+    MessageError
+        Not JSON, an unknown type, an unknown or missing key, NaN, or a value of the wrong kind.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        raise MessageError("message", "is not JSON; send one JSON object a message") from None
+    if not isinstance(values, dict):
+        raise MessageError("message", "is no JSON object; send one with a type")
+    name = values.pop("type", None)
+    if not isinstance(name, str) or name not in KINDS:
+        raise MessageError("message", f"type = {str(name)[:40]!r} is not known; send one of {', '.join(KINDS)}")
+    seq = values.get("seq")
+    try:
+        message: Message = read(KINDS[name], values)
+    except FieldError as error:
+        raise MessageError(name, str(error), seq if isinstance(seq, int) else None) from None
+    return message

@@ -1,0 +1,34 @@
+"""The models of tissue a session can switch between, each made when it is first asked for."""
+
+from __future__ import annotations
+
+from ..elastic import ElasticInsertion
+from ..fem.loads import LineForce
+from ..fem.material import Material
+from ..insertion import Insertion, NeedleInsertion
+from ..kelvinlet import DragModel, KelvinletInsertion
+from .world import World
+
+SETTLED = 5e-4
+"""Error estimate, relative to the field, at which elastic tissue has come to rest."""
+
+
+def make(name: str, world: World) -> NeedleInsertion:
+    """Return a model's insertion into a scene's tissue."""
+    part, tissue = world.spec.model, world.tissue
+    if name == "paper":
+        return Insertion(tissue)
+    if name == "kelvinlet":
+        drag = DragModel.kelvinlet(tissue.grid.side, drag=part.drag_mm, poissons_ratio=part.poissons_ratio)
+        return KelvinletInsertion(tissue, drag)
+    if world.tissues is not None:
+        return ElasticInsertion(tissue, world.tissues, nodes=part.solver_nodes)
+    material = Material(world.spec.tissue.stiffness_kpa, part.poissons_ratio)
+    width = LineForce().width * tissue.grid.side
+    load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=width)
+    return ElasticInsertion(tissue, material, load, nodes=part.solver_nodes)
+
+
+def settled(insertion: NeedleInsertion) -> bool:
+    """Return whether another step at the same pose would change nothing to speak of."""
+    return not isinstance(insertion, ElasticInsertion) or insertion.state.error <= SETTLED

@@ -1,0 +1,94 @@
+"""The simulator's generated tissues: names of labels, where each is, and places to reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ultrasound.acoustics import TISSUES, AcousticTissue
+from ..ultrasound.kidney import BOX_MM, LABELS, kidney_phantom
+from ..ultrasound.scene import Scene
+from ..volume import Volume
+
+Array = NDArray[np.float64]
+
+_GEL_BLOCK_MM = (120.0, 60.0, 70.0)
+_VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12}
+_CUBE_MM = 100.0
+_SHEETS_MM, _SHEET_MM = 20.0, 0.6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Phantom:
+    """A generated tissue."""
+
+    scene: Scene
+    names: dict[int, str]
+    """Names of the labels, which materials and surfaces go by."""
+    box: tuple[Array, Array]
+    """Corners of the mechanical box."""
+    targets: dict[str, Array]
+    homogeneous: bool = False
+    """Whether the labels are for the eye alone: one stiffness everywhere."""
+
+
+def kidney(voxel_mm: float) -> Phantom:
+    """Return the kidney of :func:`~sonospline.ultrasound.kidney_phantom`."""
+    found = kidney_phantom(spacing_mm=voxel_mm)
+    return Phantom(scene=found.scene, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets)
+
+
+def gel_block(voxel_mm: float) -> Phantom:
+    """Return a block of tissue-mimicking gel that a vessel crosses, a little aslant."""
+    labels = _blank(_GEL_BLOCK_MM, voxel_mm)
+    x, y, z = _axes(labels, voxel_mm)
+    middle = _VESSEL["depth"] + _VESSEL["slope"] * (x - _GEL_BLOCK_MM[0] / 2)
+    apart = np.sqrt((y - _GEL_BLOCK_MM[1] / 2) ** 2 + (z - middle) ** 2)
+    labels[apart < _VESSEL["radius"] + _VESSEL["wall"]] = 2
+    labels[apart < _VESSEL["radius"]] = 1
+    names = {0: "phantom gel", 1: "blood", 2: "vessel wall"}
+    speckle = _like("liver", "phantom gel", backscatter_db=-3.0)
+    scene = Scene(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})  # type: ignore[dict-item]
+    centre = np.array([_GEL_BLOCK_MM[0] / 2, _GEL_BLOCK_MM[1] / 2, _VESSEL["depth"]])
+    return Phantom(scene=scene, names=names, box=(np.zeros(3), np.array(_GEL_BLOCK_MM)), targets={"vessel": centre})
+
+
+def cube(voxel_mm: float) -> Phantom:
+    """Return the paper's cube at 100 mm a side, with thin sheets to see it deform by."""
+    labels = _blank((_CUBE_MM,) * 3, voxel_mm)
+    for axis, place in enumerate(_axes(labels, voxel_mm)):
+        if axis != 2:  # the sheets stand square to the image of the middle plane
+            off = np.abs((place + _SHEETS_MM / 2) % _SHEETS_MM - _SHEETS_MM / 2)
+            labels[np.broadcast_to((off <= _SHEET_MM / 2) & (place > 1) & (place < _CUBE_MM - 1), labels.shape)] = 1
+    scene = Scene(_volume(labels, voxel_mm), {0: "liver", 1: "fascia"})  # type: ignore[dict-item]
+    target = np.array([0.6, 0.5, 0.5]) * _CUBE_MM
+    return Phantom(
+        scene=scene, names={0: "soft_tissue", 1: "fascia"}, box=(np.zeros(3), np.full(3, _CUBE_MM)),
+        targets={"end of the path": target}, homogeneous=True,
+    )  # fmt: skip
+
+
+PHANTOMS = {"kidney": kidney, "gel block": gel_block, "cube": cube}
+
+
+def _blank(size_mm: tuple[float, float, float], voxel_mm: float) -> NDArray[np.uint8]:
+    return np.zeros([round(side / voxel_mm) + 1 for side in size_mm], np.uint8)
+
+
+def _axes(labels: NDArray[np.uint8], voxel_mm: float) -> list[Array]:
+    return [
+        (np.arange(n) * voxel_mm).reshape([-1 if a == axis else 1 for a in range(3)])
+        for axis, n in enumerate(labels.shape)
+    ]
+
+
+def _volume(labels: NDArray[np.uint8], voxel_mm: float) -> Volume:
+    return Volume(voxels=labels, spacing=(voxel_mm,) * 3)
+
+
+def _like(tissue: str, name: str, **changes: float) -> AcousticTissue:
+    from dataclasses import replace
+
+    return replace(TISSUES[tissue], name=name, texture_db=0.0, **changes)  # type: ignore[arg-type]

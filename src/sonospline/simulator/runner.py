@@ -1,0 +1,193 @@
+"""A session in a thread of its own, at a steady rate: the newest wish wins."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .session import Session
+from .shot import Shot
+from .wish import Wish
+
+logger = logging.getLogger(__name__)
+
+RATE_HZ = 60.0
+IDLE_HZ = 8.0
+"""Frames a second while nothing happens: electronic noise lives."""
+_FAULTS_APART_S = 1.0
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Where a frame came from."""
+
+    seq: int
+    """Of the newest wish in it."""
+    since: float
+    """``time.perf_counter()`` when that wish came, or when the frame was begun if it is in an older frame already."""
+
+
+@dataclass(frozen=True)
+class _Asked:
+    wish: Wish
+    seq: int
+    since: float
+
+
+Deliver = Callable[[Shot, Stamp], None]
+Command = Callable[[Session], Any]
+Complain = Callable[[str], None]
+
+
+class Runner:
+    """Steps a session at a fixed rate and hands every new picture on.
+
+    While nothing changes it makes a few pictures a second; while the session is frozen, none. A step that fails is
+    logged and reported, and the last good picture stays.
+
+    Parameters
+    ----------
+    session : Session
+        Touched by the runner's thread alone from now on; use :meth:`do` for everything but wishes.
+    deliver : callable
+        Called as ``deliver(shot, stamp)`` in the runner's thread.
+    complain : callable, optional
+        Called with one line in the runner's thread when a step or a command fails.
+    ready : callable, optional
+        Asked before each step whether a picture could be handed on; call :meth:`wake` when that changes.
+    rate_hz : float, default: 60
+        Most pictures a second.
+
+    Examples
+    --------
+    >>> import threading
+    >>> from sonospline.simulator import Runner, SceneFile, Session
+    >>> scene = SceneFile.parse('''name = "Small block"
+    ... tissue = {source = "gel block", voxel_mm = 1.0, nodes = 5000}
+    ... probe = {kind = "linear", depth_mm = 50, lines = 64}
+    ... needle = {u = -34, angle = 38}
+    ... ''')
+    >>> session, seen = Session(scene, model="paper"), threading.Event()
+    >>> with Runner(session, lambda shot, stamp: seen.set() if stamp.seq == 7 else None) as runner:
+    ...     runner.ask(session.world.start.with_needle(depth=20), 7)
+    ...     seen.wait(60)
+    True
+    >>> session.wish.needle.depth
+    20
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        deliver: Deliver,
+        *,
+        complain: Complain | None = None,
+        ready: Callable[[], bool] | None = None,
+        rate_hz: float = RATE_HZ,
+    ) -> None:
+        self.session = session
+        self._deliver, self._complain = deliver, complain or (lambda line: None)
+        self._ready = ready or (lambda: True)
+        self._period = 1 / rate_hz
+        self._queue: deque[_Asked | Command] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+        self._seq = 0
+        self._restless = True
+        self._complained: tuple[str, float] = ("", -_FAULTS_APART_S)
+        self._thread = threading.Thread(target=self._run, name="sonospline-session", daemon=True)
+        self._thread.start()
+
+    def ask(self, wish: Wish, seq: int, since: float | None = None) -> None:
+        """Wish for something; an older wish that was not yet looked at is forgotten."""
+        asked = _Asked(wish, seq, time.perf_counter() if since is None else since)
+        with self._changed:
+            if self._queue and isinstance(self._queue[-1], _Asked):
+                self._queue.pop()
+            self._queue.append(asked)
+            self._changed.notify()
+
+    def do(self, command: Command) -> None:
+        """Have something else done to the session, after the wishes before it and before those after it."""
+        with self._changed:
+            self._queue.append(command)
+            self._changed.notify()
+
+    def wake(self) -> None:
+        """Look again whether a picture could be handed on."""
+        with self._changed:
+            self._changed.notify()
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def __enter__(self) -> Runner:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        begun = -1.0
+        while self._wait(begun):
+            begun = time.perf_counter()
+            asked = self._obey()
+            try:
+                shot = self.session.step(None if asked is None else asked.wish)
+                if asked is not None:
+                    self._seq = asked.seq
+                self._restless = not shot.settled and not shot.wish.frozen
+                self._deliver(shot, Stamp(self._seq, begun if asked is None else asked.since))
+            except Exception as error:  # the session goes on with its last picture, whatever failed
+                self._restless = False
+                self._fault(error)
+
+    def _wait(self, begun: float) -> bool:
+        """Sleep until there is something to do; False when closed."""
+        with self._changed:
+            while not self._closed:
+                now = time.perf_counter()
+                busy = bool(self._queue) or self._restless
+                frozen = self.session.wish.frozen and self.session.last is not None
+                due = begun + (self._period if busy else 1 / IDLE_HZ)
+                may = self._ready() and (busy or not frozen)
+                if may and now >= due:
+                    return True
+                self._changed.wait(due - now if may else None)
+            return False
+
+    def _obey(self) -> _Asked | None:
+        """Do what was asked up to the next wish, and return that."""
+        while True:
+            with self._changed:
+                if not self._queue:
+                    return None
+                item = self._queue.popleft()
+            if isinstance(item, _Asked):
+                return item
+            try:
+                item(self.session)
+            except Exception as error:
+                self._fault(error)
+
+    def _fault(self, error: Exception) -> None:
+        line, now = str(error) or type(error).__name__, time.perf_counter()
+        said, when = self._complained
+        if line == said and now - when < _FAULTS_APART_S:
+            return
+        self._complained = (line, now)
+        if isinstance(error, ValueError):
+            logger.warning("refused: %s", line)
+        else:
+            logger.error("a step failed, the last picture stays: %s", line, exc_info=error)
+        self._complain(line)

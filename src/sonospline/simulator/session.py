@@ -1,0 +1,337 @@
+"""A session: one needle, one probe, one patient, from wish to picture."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _validate
+from ..grid_field import GridField
+from ..insertion import NeedleInsertion
+from ..needle import Needle
+from . import models
+from .figures import PassFigures
+from .folding import folds
+from .imaging import Imager, tuned
+from .scene_file import MODELS, SceneFile
+from .shot import Readouts, Shot
+from .skin_frame import room_along
+from .wish import NeedleWish, Wish
+from .world import World
+
+Array = NDArray[np.float64]
+Blocked = Literal["end of needle", "leaves the tissue", "needle inside"]
+
+RESTORE_S = 8.0
+"""How long a reset can be undone."""
+STEER_DEG = 5.0
+"""How far a needle inside can be turned from the direction it entered in."""
+_OUT_MM = 0.05
+"""A needle less deep than this is out."""
+_INSIDE_MM = 1e-3
+"""Room left between a tip and the far side of the box."""
+
+logger = logging.getLogger(__name__)
+
+
+class Granted(NamedTuple):
+    """A wish after the tissue had its say."""
+
+    wish: Wish
+    blocked: Blocked | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Saved:
+    """What a reset puts away."""
+
+    wish: Wish
+    figures: PassFigures
+    passes: tuple[PassFigures, ...]
+    entered: NeedleWish | None
+    at: float
+
+
+class Session:
+    """A scene that is worked on: push the needle, move the probe, see the picture.
+
+    Everything happens in :meth:`step`, in the caller's thread; a :class:`~sonospline.simulator.Runner` calls it at a
+    fixed rate in a thread of its own. A step that fails raises and leaves the last picture in force.
+
+    Parameters
+    ----------
+    scene : World, SceneFile, str or Path
+        A scene made ready, one to be made, the name of a shipped one (``kidney``, ``gel``, ``cube``), or a file.
+    model : {"paper", "kelvinlet", "elastic"}, optional
+        How the tissue answers; by default as the scene says.
+    clock : callable, default: time.monotonic
+        Seconds, for the figures of a pass.
+
+    Raises
+    ------
+    ValueError
+        A scene that cannot be read or made.
+
+    Examples
+    --------
+    >>> from sonospline.simulator import SceneFile, Session
+    >>> scene = SceneFile.parse('''name = "Small block"
+    ... [tissue]
+    ... source = "gel block"
+    ... voxel_mm = 1.0
+    ... nodes = 5000
+    ... [probe]
+    ... kind = "linear"
+    ... depth_mm = 50
+    ... lines = 64
+    ... [needle]
+    ... u = -34
+    ... angle = 38
+    ... ''')
+    >>> session = Session(scene, model="paper")
+    >>> shot = session.step(session.wish.with_needle(depth=30))
+    >>> shot.image.pixels.dtype.name, shot.readouts.depth, bool(shot.readouts.moved > 0.1)
+    ('uint8', 30.0, True)
+    >>> session.step(session.wish.with_needle(depth=0)).readouts.moved
+    0.0
+    """
+
+    def __init__(
+        self,
+        scene: World | SceneFile | str | Path = "kidney",
+        *,
+        model: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.world = _world(scene)
+        self.wish = self.world.start
+        """The state in force."""
+        self.target = next(iter(self.world.targets))
+        self.model = _validate.choice("model", model or self.world.spec.model.use, MODELS)
+        self.last: Shot | None = None
+        self._clock = clock
+        self._insertions: dict[str, NeedleInsertion] = {}
+        self.rest = GridField(
+            self.world.tissue.grid, np.zeros((*self.world.tissue.grid.shape, 3), np.float32), error_estimate=0.0
+        )
+        """The field while the needle is out."""
+        self._needle: Needle | None = None
+        self._shown, self._exact_model = self.rest, ""
+        self._folds = False
+        self._imager: Imager | None = None
+        self._asked_pose = np.eye(4)
+        self._figures = PassFigures()
+        self._passes: tuple[PassFigures, ...] = ()
+        self._entered: NeedleWish | None = None
+        self._saved: _Saved | None = None
+        self._frozen_at: float | None = None
+        self._frames = 0
+
+    def step(self, wish: Wish | None = None) -> Shot:
+        """Bring the tissue nearer to a wish and return the picture of it.
+
+        Parameters
+        ----------
+        wish : Wish, optional
+            By default the one in force: elastic tissue comes to rest over some steps, and a picture's noise lives.
+
+        Raises
+        ------
+        ValueError
+            A wish beyond the scene's limits; nothing changes.
+        """
+        wish = self.wish if wish is None else wish
+        self.world.limits.check(wish)
+        if wish.frozen and self.last is not None:
+            return self._freeze()
+        self._thaw()
+        granted = self.grant(wish)
+        started = time.perf_counter()
+        needle = self._needle_of(granted.wish.needle)
+        self._answer(needle)
+        stepped = time.perf_counter()
+        imager = self._aimed(granted.wish)
+        image = imager.render(self._shown, needle, frame=self._frames, gain_db=granted.wish.image.gain)
+        rendered = time.perf_counter()
+        self._count(granted.wish, imager)
+        self.wish = granted.wish
+        self.last = self._shot(granted, imager, image, 1e3 * (stepped - started), 1e3 * (rendered - stepped))
+        self._frames += 1
+        return self.last
+
+    def settle(self, wish: Wish | None = None, *, most: int = 100) -> Shot:
+        """Step until the tissue has come to rest at a wish, and return the last picture."""
+        shot = self.step(wish)
+        for _ in range(most):
+            if shot.settled:
+                break
+            shot = self.step()
+        return shot
+
+    def switch(self, model: str) -> None:
+        """Let another model answer; needle and probe stay where they are."""
+        self.model = _validate.choice("model", model, MODELS)
+
+    def choose_target(self, name: str) -> None:
+        """Aim for another target of the scene."""
+        self.target = _validate.choice("target", name, self.world.targets)
+
+    def undo_pass(self) -> None:
+        """Take the needle out and forget the present or last pass; the next step shows it."""
+        if self._passes:
+            *before, self._figures = self._passes
+            self._passes = tuple(before)
+        self._entered = None
+        self.wish = replace(self.wish.with_needle(depth=0.0), frozen=False)
+
+    def reset(self) -> None:
+        """Put needle, probe, image and figures back to the scene's start."""
+        self._saved = _Saved(self.wish, self._figures, self._passes, self._entered, self._clock())
+        self.wish, self._figures, self._passes, self._entered = self.world.start, PassFigures(), (), None
+
+    def restore(self) -> None:
+        """Undo a reset.
+
+        Raises
+        ------
+        ValueError
+            There was none, or it is more than 8 s ago.
+        """
+        saved = self._saved
+        if saved is None or self._clock() - saved.at > RESTORE_S:
+            raise ValueError(f"there is no reset of the last {RESTORE_S:g} s to undo; push the needle again")
+        self.wish, self._figures, self._passes = replace(saved.wish, frozen=False), saved.figures, saved.passes
+        self._entered, self._saved = saved.entered, None
+
+    def grant(self, wish: Wish) -> Granted:
+        """Return a wish as far as needle and tissue allow it."""
+        needle, blocked = wish.needle, None
+        if needle.depth < _OUT_MM:
+            return Granted(wish.with_needle(depth=0.0), None)
+        if self._entered is not None:
+            held = _held(needle, self._entered)
+            blocked = None if held == needle else "needle inside"
+            needle = held
+        frame, length = self.world.frame, self.world.limits.needle["depth"][1]
+        room = room_along(self.world.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
+        if needle.depth > room:
+            needle, blocked = replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
+        elif needle.depth >= length:
+            needle, blocked = replace(needle, depth=length), "end of needle"
+        return Granted(replace(wish, needle=needle), blocked)  # type: ignore[arg-type]
+
+    def _needle_of(self, wish: NeedleWish) -> Needle | None:
+        if wish.depth == 0:
+            return None
+        entry = self.world.frame.entry(wish)
+        return Needle(entry, entry + wish.depth * self.world.frame.direction(wish))
+
+    def _answer(self, needle: Needle | None) -> None:
+        """Let the tissue answer to a needle; where it already has, nothing is done."""
+        insertion = self._insertion()
+        if needle is None:
+            if self._needle is not None or self._exact_model != self.model:
+                insertion.reset()
+                self._take(needle, self.rest)
+            return
+        same = self._needle is not None and _same(self._needle, needle) and self._exact_model == self.model
+        if same and models.settled(insertion):
+            return
+        self._take(needle, GridField.of(insertion.advance(needle)))
+
+    def _take(self, needle: Needle | None, shown: GridField) -> None:
+        self._needle, self._shown, self._exact_model = needle, shown, self.model
+        self._folds = needle is not None and folds(shown, needle)
+
+    def _insertion(self) -> NeedleInsertion:
+        if self.model not in self._insertions:
+            self._insertions[self.model] = models.make(self.model, self.world)
+        return self._insertions[self.model]
+
+    def _aimed(self, wish: Wish) -> Imager:
+        probe = tuned(self.world.probe, wish.image)
+        pose = self.world.frame.probe_to_reference(wish.probe, self.world.spec.probe.press_mm)
+        if self._imager is None:
+            self._imager = self.world.see(probe, pose)
+        elif probe != self._imager.probe or not np.array_equal(pose, self._asked_pose):
+            self._imager = self._imager.aimed(probe, pose)
+        self._asked_pose = pose
+        return self._imager
+
+    def _count(self, wish: Wish, imager: Imager) -> None:
+        now = self._clock()
+        if wish.needle.depth == 0:
+            self._entered = None
+            return
+        if self._entered is None:
+            self._passes = (*self._passes, self._figures)
+            self._figures, self._entered = self._figures.entered(now), wish.needle
+        assert self._needle is not None
+        off, _ = imager.out_of_plane(self._needle.tip)
+        self._figures = self._figures.moved(self._needle.tip, off, now)
+
+    def _shot(self, granted: Granted, imager: Imager, image: Any, step_ms: float, render_ms: float) -> Shot:
+        frame, wish = self.world.frame, granted.wish
+        entry, direction = frame.entry(wish.needle), frame.direction(wish.needle)
+        tip = entry + wish.needle.depth * direction
+        rest = self.world.targets[self.target]
+        moved = np.zeros(3) if self._needle is None else self._insertion().field.displacement(rest[None])[0]
+        out_of_plane, half_slice = imager.out_of_plane(tip)
+        readouts = Readouts(
+            tip_to_target=float(np.linalg.norm(rest + moved - tip)), depth=wish.needle.depth,
+            moved=float(np.linalg.norm(moved)), moved_parts=frame.parts(moved), out_of_plane=out_of_plane,
+            half_slice=half_slice, folds=self._folds, estimate=self._shown.error_estimate,
+        )  # fmt: skip
+        return Shot(
+            number=self._frames, wish=wish, blocked=granted.blocked, image=image,
+            probe_to_reference=imager.probe_to_reference, entry=entry, tip=tip, direction=direction,
+            needle=self._needle, field=self._shown, target=self.target, target_rest=rest, target_now=rest + moved,
+            readouts=readouts, figures=self._figures, model=self.model,
+            settled=self._needle is None or models.settled(self._insertion()), step_ms=step_ms, render_ms=render_ms,
+        )  # fmt: skip
+
+    def _freeze(self) -> Shot:
+        """The last picture again, marked frozen; nothing moves."""
+        assert self.last is not None
+        if self._frozen_at is None:
+            self._frozen_at = self._clock()
+        self.wish = replace(self.wish, frozen=True)
+        self.last = replace(self.last, wish=replace(self.last.wish, frozen=True))
+        return self.last
+
+    def _thaw(self) -> None:
+        if self._frozen_at is not None:
+            self._figures = self._figures.later(self._clock() - self._frozen_at)
+            self._frozen_at = None
+
+
+def _held(wish: NeedleWish, entered: NeedleWish) -> NeedleWish:
+    """A needle inside keeps its entry and turns but a little from the direction it entered in."""
+    return replace(
+        wish,
+        u=entered.u,
+        v=entered.v,
+        angle=float(np.clip(wish.angle, entered.angle - STEER_DEG, entered.angle + STEER_DEG)),
+        swing=float(np.clip(wish.swing, entered.swing - STEER_DEG, entered.swing + STEER_DEG)),
+    )
+
+
+def _same(a: Needle, b: Needle) -> bool:
+    return bool((a.entry == b.entry).all() and (a.tip == b.tip).all())
+
+
+def _world(scene: World | SceneFile | str | Path) -> World:
+    if isinstance(scene, World):
+        return scene
+    if isinstance(scene, SceneFile):
+        return World.make(scene)
+    if isinstance(scene, str) and not scene.endswith(".toml"):
+        return World.make(SceneFile.shipped(scene))
+    return World.make(SceneFile.read(scene), folder=Path(scene).parent)

@@ -1,0 +1,99 @@
+"""Where a wish is in the world: needle and probe seen from the skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..grid import FACES, Grid
+from .wish import NeedleWish, ProbeWish
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SkinFrame:
+    """Directions of a scene (unit vectors, RAS) and the point of the skin under which the probe rests.
+
+    Parameters
+    ----------
+    right, depth : (3,) ndarray
+        r, along the skin, and d, into the tissue.
+    origin : (3,) ndarray
+        A point of the entry face.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sonospline.simulator.skin_frame import SkinFrame
+    >>> frame = SkinFrame(np.array([1., 0, 0]), np.array([0, 0, 1.]), np.zeros(3))
+    >>> frame.out.tolist()
+    [0.0, -1.0, 0.0]
+    """
+
+    right: Array
+    depth: Array
+    origin: Array
+
+    @classmethod
+    def on_face(cls, grid: Grid, face: str, *, at: ArrayLike | None, right: ArrayLike | None) -> SkinFrame:
+        """Return the frame of a grid's face: below a point (its middle by default), along a direction.
+
+        Raises
+        ------
+        ValueError
+            A direction that is square to the face.
+        """
+        axis, end = divmod(FACES.index(face), 2)
+        depth = grid.direction[:, axis] * (-1.0 if end else 1.0)
+        along = grid.direction[:, (axis + 1) % 3] if right is None else np.asarray(right, float)
+        across = along - (along @ depth) * depth
+        if np.linalg.norm(across) < 1e-6 * max(1.0, float(np.linalg.norm(along))):
+            raise ValueError(f"right = {along.tolist()} is square to the entry face {face}; give a direction along it")
+        local = grid.extent / 2 if at is None else grid.local(np.asarray(at, float)[None])[0]
+        local[axis] = grid.extent[axis] if end else 0.0
+        return cls(across / np.linalg.norm(across), depth, grid.world(local[None])[0])
+
+    @property
+    def out(self) -> Array:
+        """n = r x d, towards the viewer of the image."""
+        return np.cross(self.right, self.depth)
+
+    def entry(self, wish: NeedleWish) -> Array:
+        """Return where the needle meets the skin: origin + u r + v n."""
+        return self.origin + wish.u * self.right + wish.v * self.out
+
+    def direction(self, wish: NeedleWish) -> Array:
+        """Return the needle's unit vector: cos(swing) (cos(angle) r + sin(angle) d) + sin(swing) n."""
+        angle, swing = np.radians(wish.angle), np.radians(wish.swing)
+        in_plane = np.cos(angle) * self.right + np.sin(angle) * self.depth
+        return np.cos(swing) * in_plane + np.sin(swing) * self.out
+
+    def probe_to_reference(self, wish: ProbeWish, press_mm: float) -> Array:
+        """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z to the viewer.
+
+        Slide along r and sweep along n; then rotate about d (right-handed), then fan about the image's own x,
+        positive turning its depth towards its z.
+        """
+        turn, fan = np.radians(wish.rotate), np.radians(wish.fan)
+        x = np.cos(turn) * self.right - np.sin(turn) * self.out
+        z = np.cross(x, self.depth)
+        y = np.cos(fan) * self.depth + np.sin(fan) * z
+        pose = np.eye(4)
+        origin = self.origin + press_mm * self.depth + wish.slide * self.right + wish.sweep * self.out
+        pose[:3] = np.column_stack([x, y, np.cross(x, y), origin])
+        return pose
+
+    def parts(self, vector: Array) -> tuple[float, float, float]:
+        """Return a vector's parts to the right, deeper, and towards the viewer."""
+        return float(vector @ self.right), float(vector @ self.depth), float(vector @ self.out)
+
+
+def room_along(grid: Grid, entry: Array, direction: Array) -> float:
+    """Return how far one can go from a point of the box in a direction before leaving it, mm."""
+    start, step = grid.local(entry[None])[0], direction @ grid.direction
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.where(step > 0, (grid.extent - start) / step, np.where(step < 0, -start / step, np.inf))
+    return float(max(0.0, ends.min()))

@@ -1,0 +1,99 @@
+"""What a person asks of the simulator, all of it at once: needle, probe, image, freeze."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from ._fields import FieldError
+
+Range = tuple[float, float]
+_SLACK = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeedleWish:
+    """Where the needle should be: mm and degrees, seen from the skin (see :class:`SkinFrame`)."""
+
+    u: float
+    v: float
+    angle: float
+    swing: float
+    depth: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeWish:
+    """Where the probe should be, from its rest pose: mm and degrees."""
+
+    slide: float = 0.0
+    sweep: float = 0.0
+    rotate: float = 0.0
+    fan: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageWish:
+    """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm."""
+
+    gain: float
+    depth: float
+    frequency: float
+    focus: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """The whole wish, absolute: the newest one counts.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from sonospline.simulator import ImageWish, NeedleWish, ProbeWish, Wish
+    >>> wish = Wish(needle=NeedleWish(u=40, v=0, angle=120, swing=0, depth=0), probe=ProbeWish(),
+    ...             image=ImageWish(gain=0, depth=120, frequency=3.5, focus=65))
+    >>> wish.with_needle(depth=30).needle.depth
+    30
+    """
+
+    needle: NeedleWish
+    probe: ProbeWish
+    image: ImageWish
+    frozen: bool = False
+
+    def with_needle(self, **changes: float) -> Wish:
+        """Return the wish with some of the needle's figures changed."""
+        return _changed(self, "needle", changes)
+
+    def with_probe(self, **changes: float) -> Wish:
+        """Return the wish with some of the probe's figures changed."""
+        return _changed(self, "probe", changes)
+
+    def with_image(self, **changes: float) -> Wish:
+        """Return the wish with some of the image's figures changed."""
+        return _changed(self, "image", changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What of a wish makes sense in a scene: lowest and highest of each figure."""
+
+    needle: dict[str, Range]
+    probe: dict[str, Range]
+    image: dict[str, Range]
+
+    def check(self, wish: Wish) -> None:
+        """Raise FieldError for the first figure that is beyond its limits (or NaN)."""
+        for part in ("needle", "probe", "image"):
+            asked, allowed = getattr(wish, part), getattr(self, part)
+            for entry in fields(asked):
+                value, (low, high) = getattr(asked, entry.name), allowed[entry.name]
+                if not low - _SLACK <= value <= high + _SLACK:
+                    raise FieldError(
+                        (part, entry.name), f"= {value:g} is out of range; give {low:g} to {high:g} in this scene"
+                    )
+
+
+def _changed(wish: Wish, part: str, changes: dict[str, float]) -> Wish:
+    from dataclasses import replace
+
+    return replace(wish, **{part: replace(getattr(wish, part), **changes)})

@@ -1,0 +1,287 @@
+"""A scene made ready: everything of it that does not change while a session runs; sessions share it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elastic import MaterialTable, TissueMap
+from ..elastic.materials import read_label_names
+from ..grid import Grid
+from ..grid_field import GridField
+from ..io.volumes import read_volume
+from ..tissue import Tissue
+from ..ultrasound.needle_echo import NeedleEcho
+from ..ultrasound.organs import scene_from_organs
+from ..ultrasound.probe import Probe
+from ..ultrasound.reslice import Reslicer, swept
+from ..ultrasound.scene import Scene
+from ..ultrasound.synthesis import Display
+from ..volume import Volume
+from . import surfaces
+from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
+from .phantoms import PHANTOMS
+from .scene_file import SceneFile, SurfacePart
+from .skin_frame import SkinFrame
+from .surfaces import MOST_VERTICES, Mesh
+from .wish import ImageWish, Limits, NeedleWish, ProbeWish, Wish
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+_PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": Probe.phased}
+_ECHOES = {"trocar": NeedleEcho.trocar, "steel-2mm": NeedleEcho.steel_2mm, "steel-1mm": NeedleEcho.steel_1mm}
+_MECHANICAL_VOXEL_MM = 2.0
+_OWN_SURFACES = 8
+_COLOURS = ("#9c5247", "#b5483f", "#d8d4c6", "#d9b36c", "#7d8fa8", "#8aa37b", "#a889a8", "#b08968")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class World:
+    """A scene's tissue, what to see of it, where to go, and what may be asked."""
+
+    spec: SceneFile
+    tissue: Tissue
+    frame: SkinFrame
+    tissues: TissueMap | None
+    """Labelled tissue for the elastic model; None where it is all one."""
+    see: Callable[[Probe, Array], Imager]
+    """What a probe at a pose sees."""
+    probe: Probe
+    targets: Mapping[str, Array]
+    meshes: tuple[Mesh, ...]
+    start: Wish
+    limits: Limits
+
+    @classmethod
+    def make(cls, spec: SceneFile, *, folder: Path | None = None, progress: Progress | None = None) -> World:
+        """Return a scene made ready.
+
+        Parameters
+        ----------
+        spec : SceneFile
+            The scene.
+        folder : Path, optional
+            Where its files are; by default here.
+        progress : callable, optional
+            Told the share done, 0 to 1.
+        """
+        return _Maker(spec, Path() if folder is None else folder, progress or (lambda share: None)).world()
+
+    @property
+    def needle_diameter_mm(self) -> float:
+        """Of its shaft."""
+        return _ECHOES[self.spec.needle.look]().diameter_mm
+
+    def deformed(self, field: GridField, *, grid: bool) -> NDArray[np.float32]:
+        """Return where a field takes the vertices of all meshes, with or without the grid lines, (m, 3)."""
+        count = None if grid else -len(self.meshes[-1].points)
+        rest = self._vertices[:count]
+        return (rest + field.displacement(rest)).astype(np.float32)
+
+    @cached_property
+    def _vertices(self) -> Array:
+        """Of all meshes, those of the grid lines last."""
+        return np.concatenate([mesh.points for mesh in self.meshes])
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Lowest and highest corner of the mechanical box along the world axes."""
+        corners = self.tissue.grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * self.tissue.grid.extent)
+        return corners.min(axis=0), corners.max(axis=0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Matter:
+    """What a source gives: the lattice, labels for the eye and for mechanics, and how it looks."""
+
+    grid: Grid
+    see: Callable[[Probe, Array], Imager]
+    targets: Mapping[str, Array]
+    tissues: TissueMap | None = None
+    labels: Volume | None = None
+    names: Mapping[int, str] | None = None
+    synthetic: bool = True
+
+
+class _Maker:
+    """Makes a world from a scene file, step by step."""
+
+    def __init__(self, spec: SceneFile, folder: Path, progress: Progress) -> None:
+        self.spec, self.folder, self.progress = spec, folder, progress
+
+    def world(self) -> World:
+        spec = self.spec
+        self.progress(0.05)
+        matter = {"labels": self._labels, "volume": self._volume}.get(spec.tissue.source, self._phantom)()
+        self.progress(0.7)
+        tissue = Tissue(matter.grid, entry_face=spec.tissue.entry_face)
+        frame = SkinFrame.on_face(matter.grid, spec.tissue.entry_face, at=spec.probe.at, right=spec.probe.right)
+        probe = _probe(spec)
+        targets = {part.name: np.array(part.at) for part in spec.targets} or dict(matter.targets)
+        tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
+        start = _start(spec, probe)
+        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.synthetic)
+        limits.check(start)
+        meshes = (*self._organs(matter), surfaces.skin(matter.grid, spec.tissue.entry_face, frame))
+        self.progress(0.9)
+        return World(
+            spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
+            targets=targets, meshes=(*meshes, surfaces.grid_lines(matter.grid, frame)), start=start, limits=limits,
+        )  # fmt: skip
+
+    def _phantom(self) -> _Matter:
+        made = PHANTOMS[self.spec.tissue.source](self.spec.tissue.voxel_mm)
+        self.progress(0.5)
+        low, high = made.box
+        grid = Grid.covering(high - low, nodes=self.spec.tissue.nodes, origin=low)
+        coarse = _coarser(made.scene.labels)
+        tissues = None if made.homogeneous else TissueMap.named(coarse, made.names, self._materials())
+        return _Matter(
+            grid=grid, see=self._synthetic(made.scene), targets=made.targets, tissues=tissues, labels=coarse,
+            names=made.names,
+        )  # fmt: skip
+
+    def _labels(self) -> _Matter:
+        path = self._file("file")
+        assert path is not None
+        labels = read_volume(path)
+        labels = replace(labels, voxels=np.rint(labels.voxels).astype(np.int32))
+        self.progress(0.1)
+        beside = path.with_name(path.name.split(".")[0] + ".csv")
+        names = read_label_names(self._file("names") or beside)
+        ct = self._file("ct")
+        scene = scene_from_organs(
+            labels, {n: name for n, name in names.items() if n}, ct=None if ct is None else read_volume(ct)
+        )
+        self.progress(0.6)
+        grid = self._box(labels)
+        tissues = TissueMap.named(labels, names, self._materials())
+        return _Matter(
+            grid=grid, see=self._synthetic(scene), targets=_middle(grid), tissues=tissues, labels=labels, names=names
+        )
+
+    def _volume(self) -> _Matter:
+        path = self._file("file")
+        assert path is not None
+        volume = read_volume(path)
+        self.progress(0.3)
+        seen = swept(volume)
+        reslicer = Reslicer(volume, seen=seen)
+        grey, diameter = grey_range(volume.voxels, seen), self._echo().diameter_mm
+        grid = self._box(volume)
+        return _Matter(
+            grid=grid, see=lambda probe, pose: ReslicedImager(reslicer, grey, probe, pose, diameter),
+            targets=_middle(grid), synthetic=False,
+        )  # fmt: skip
+
+    def _synthetic(self, scene: Scene) -> Callable[[Probe, Array], Imager]:
+        shown = self.spec.display
+        display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db)
+        echo = self._echo()
+        return lambda probe, pose: SyntheticImager.of(scene, probe, pose, display=display, echo=echo)
+
+    def _echo(self) -> NeedleEcho:
+        return _ECHOES[self.spec.needle.look]()
+
+    def _materials(self) -> MaterialTable:
+        own = self._file("materials")
+        with as_file(files(__package__).joinpath("scenes/materials.toml")) as path:
+            table = MaterialTable.read(path)
+        return table if own is None else table.preferring(MaterialTable.read(own).materials)
+
+    def _file(self, key: str) -> Path | None:
+        named = getattr(self.spec.tissue, key)
+        return None if named is None else self.folder / named
+
+    def _box(self, volume: Volume) -> Grid:
+        """The mechanical box: the whole image, or the part of it between two corners."""
+        part, lattice = self.spec.tissue, volume.lattice
+        low, high = np.zeros(3), lattice.extent
+        if part.low is not None and part.high is not None:
+            corners = lattice.local(np.array([part.low, part.high]))
+            low, high = np.maximum(corners.min(axis=0), 0), np.minimum(corners.max(axis=0), lattice.extent)
+            if (high - low < lattice.spacing).any():
+                raise ValueError(f"tissue.low = {part.low} and high = {part.high} leave no box inside the image")
+        origin = lattice.world(low[None])[0]
+        return Grid.covering(high - low, nodes=part.nodes, origin=origin, direction=lattice.direction)
+
+    def _organs(self, matter: _Matter) -> list[Mesh]:
+        if matter.labels is None or matter.names is None:
+            return []
+        parts = self.spec.surfaces or _own_surfaces(matter.labels, matter.names)
+        if not parts:
+            return []
+        extra = len(surfaces.skin(matter.grid, self.spec.tissue.entry_face, SkinFrame.on_face(
+            matter.grid, self.spec.tissue.entry_face, at=None, right=None)).points) + 1500  # fmt: skip
+        share = (MOST_VERTICES - extra) // len(parts)
+        found = (surfaces.organ(matter.labels, dict(matter.names), part, most=share) for part in parts)
+        return [mesh for mesh in found if mesh is not None]
+
+
+def _probe(spec: SceneFile) -> Probe:
+    part = spec.probe
+    return _PROBES[part.kind](
+        frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, elevation_focus_mm=part.focus_mm, lines=part.lines
+    )
+
+
+def _start(spec: SceneFile, probe: Probe) -> Wish:
+    part = spec.needle
+    return Wish(
+        needle=NeedleWish(u=part.u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
+        probe=ProbeWish(slide=spec.probe.slide),
+        image=ImageWish(
+            gain=0.0, depth=probe.depth_mm, frequency=probe.frequency_mhz, focus=probe.elevation_focus_mm
+        ),
+    )  # fmt: skip
+
+
+def _limits(spec: SceneFile, grid: Grid, frame: SkinFrame, probe: Probe, *, synthetic: bool) -> Limits:
+    corners = grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * grid.extent) - frame.origin
+    u, v = corners @ frame.right, corners @ frame.out
+    side = (float(u.min()), float(u.max())), (float(v.min()), float(v.max()))
+    depth, f = probe.depth_mm, probe.frequency_mhz
+    fixed = (f, f), (probe.elevation_focus_mm,) * 2
+    free = (max(1.0, 0.5 * f), 1.6 * f), (10.0, max(20.0, 1.5 * depth))
+    frequency, focus = free if synthetic else fixed
+    return Limits(
+        needle={
+            "u": side[0], "v": side[1], "angle": (5.0, 175.0), "swing": (-60.0, 60.0),
+            "depth": (0.0, spec.needle.length_mm),
+        },
+        probe={"slide": side[0], "sweep": side[1], "rotate": (-180.0, 180.0), "fan": (-60.0, 60.0)},
+        image={
+            "gain": (-30.0, 30.0), "depth": (max(20.0, 0.4 * depth), min(250.0, 1.6 * depth)),
+            "frequency": frequency, "focus": focus,
+        },
+    )  # fmt: skip
+
+
+def _middle(grid: Grid) -> dict[str, Array]:
+    return {"middle": grid.world(grid.extent[None] / 2)[0]}
+
+
+def _coarser(labels: Volume) -> Volume:
+    """The label map at about 2 mm: as fine as mechanics and surfaces need it."""
+    strides = [max(1, round(_MECHANICAL_VOXEL_MM / h)) for h in labels.spacing]
+    voxels: NDArray[Any] = np.ascontiguousarray(labels.voxels[tuple(slice(None, None, s) for s in strides)])
+    spacing = tuple(h * s for h, s in zip(labels.spacing, strides, strict=True))
+    return replace(labels, voxels=voxels, spacing=spacing)  # type: ignore[arg-type]
+
+
+def _own_surfaces(labels: Volume, names: Mapping[int, str]) -> list[SurfacePart]:
+    """The largest organs of a label map that comes without a list of them."""
+    numbers, counts = np.unique(labels.voxels, return_counts=True)
+    order = [int(n) for n in numbers[np.argsort(-counts)] if n and int(n) in names]
+    return [
+        SurfacePart(name=names[n], tissues=(names[n],), colour=_COLOURS[k], opacity=0.7)
+        for k, n in enumerate(order[:_OWN_SURFACES])
+    ]
