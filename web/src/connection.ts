@@ -1,0 +1,101 @@
+/** The socket: opens, reads, and opens again when it is lost. */
+
+import { decode, type Binary, type ClientText, type ServerText } from "./protocol";
+import { Signal } from "./signal";
+
+/** Seconds before each attempt; the last one repeats. */
+const RETRY = [0.5, 1, 2, 4, 5] as const;
+
+export function retryDelay(attempt: number): number {
+  return RETRY[Math.min(attempt, RETRY.length) - 1];
+}
+
+const IDLE = 1001;
+
+/** Where the server listens: beside the page, with the page's own token. */
+export function liveAddress(page: string): string {
+  const address = new URL("live", page);
+  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  address.search = new URL(page).search;
+  address.hash = "";
+  return address.href;
+}
+
+export interface Loss {
+  attempt: number;
+  /** `performance.now()` of the next attempt; null waits for the person. */
+  nextAt: number | null;
+  reason: string;
+}
+
+export class Connection {
+  readonly text = new Signal<ServerText>();
+  readonly binary = new Signal<Binary>();
+  readonly opened = new Signal<void>();
+  readonly lost = new Signal<Loss>();
+  /** The page and the server do not understand each other. */
+  readonly broken = new Signal<string>();
+  private socket: WebSocket | null = null;
+  private timer = 0;
+  private attempt = 0;
+
+  constructor(private readonly address: string) {}
+
+  open(): void {
+    window.clearTimeout(this.timer);
+    this.drop();
+    const socket = new WebSocket(this.address);
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = (event) => this.read(event.data as string | ArrayBuffer);
+    socket.onopen = () => this.opened.emit();
+    socket.onclose = (event) => this.again(event.code, event.reason);
+    this.socket = socket;
+  }
+
+  /** Everything works again: the next loss starts with the shortest wait. */
+  settle(): void {
+    this.attempt = 0;
+  }
+
+  get isOpen(): boolean {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  send(message: ClientText): boolean {
+    if (!this.isOpen) return false;
+    this.socket?.send(JSON.stringify(message));
+    return true;
+  }
+
+  /** Give up a socket that says nothing any more. */
+  abandon(reason: string): void {
+    this.drop();
+    this.again(0, reason);
+  }
+
+  private drop(): void {
+    if (!this.socket) return;
+    this.socket.onclose = this.socket.onmessage = this.socket.onopen = null;
+    this.socket.close();
+    this.socket = null;
+  }
+
+  private read(data: string | ArrayBuffer): void {
+    try {
+      if (typeof data === "string") this.text.emit(JSON.parse(data) as ServerText);
+      else this.binary.emit(decode(data));
+    } catch (error) {
+      if (!(error instanceof RangeError || error instanceof SyntaxError)) throw error;
+      this.broken.emit(`A message of the server could not be read: ${error.message}`);
+    }
+  }
+
+  private again(code: number, reason: string): void {
+    this.socket = null;
+    this.attempt += 1;
+    const wait = code === IDLE ? null : retryDelay(this.attempt);
+    if (wait !== null) this.timer = window.setTimeout(() => this.open(), 1000 * wait);
+    const nextAt = wait === null ? null : performance.now() + 1000 * wait;
+    this.lost.emit({ attempt: this.attempt, nextAt, reason: reason || (code === IDLE ? "idle for too long" : "") });
+  }
+}

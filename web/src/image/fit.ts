@@ -1,0 +1,49 @@
+/** Where the image lies in its pane, and from image mm to pane pixels and back. */
+
+import type { Point } from "./sector";
+
+export interface Margins { left: number; top: number; right: number; bottom: number }
+export interface Box { left: number; top: number; width: number; height: number }
+export interface Pane { width: number; height: number }
+
+/** Columns and rows of pixels with their size in mm; the origin of the image frame is the centre of pixel (0, 0). */
+export interface Raster { columns: number; rows: number; pixel: readonly [number, number] }
+
+/** The largest box of the image's aspect within the margins; in the middle, but never under `keepRight` if avoidable. */
+export function fit(pane: Pane, raster: Raster, margins: Margins, keepRight = 0): Box {
+  const wide = raster.columns * raster.pixel[0];
+  const high = raster.rows * raster.pixel[1];
+  const room = {
+    width: Math.max(1, pane.width - margins.left - margins.right),
+    height: Math.max(1, pane.height - margins.top - margins.bottom),
+  };
+  const scale = Math.min(room.width / wide, room.height / high);
+  const [width, height] = [wide * scale, high * scale];
+  const middle = (pane.width - width) / 2;
+  const clear = pane.width - Math.max(keepRight, margins.right) - width;
+  const left = Math.max(margins.left, Math.min(middle, clear));
+  return { left, top: margins.top, width, height };
+}
+
+/** Image mm to pane pixels. */
+export class Mapping {
+  readonly scale: number;
+
+  constructor(
+    readonly box: Box,
+    readonly raster: Raster,
+  ) {
+    this.scale = box.width / (raster.columns * raster.pixel[0]);
+  }
+
+  point(p: readonly number[]): Point {
+    const { box, raster, scale } = this;
+    return [box.left + (p[0] + raster.pixel[0] / 2) * scale, box.top + (p[1] + raster.pixel[1] / 2) * scale];
+  }
+
+  /** Pane pixels to image mm. */
+  back(p: Point): Point {
+    const { box, raster, scale } = this;
+    return [(p[0] - box.left) / scale - raster.pixel[0] / 2, (p[1] - box.top) / scale - raster.pixel[1] / 2];
+  }
+}

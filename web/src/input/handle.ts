@@ -1,0 +1,72 @@
+/** The needle's handle under a pointer: along its axis pushes, sideways turns; wheel and double clicks beside it. */
+
+import { AXES } from "../axes";
+import type { Desk } from "../desk";
+import { PACE } from "../motion";
+import type { ImagePane } from "../parts/imagePane";
+import { draggable } from "./drag";
+
+/** px of a drag before it is known to go along or sideways. */
+const DECIDE = 5;
+const DEGREES_PER_PX = 0.15;
+/** px of a wheel notch. */
+const NOTCH = 100;
+const DOUBLE_TAP = 350;
+
+export function handleInput(pane: ImagePane, desk: Desk): void {
+  const { session } = desk;
+  let lastUp = 0;
+
+  draggable(pane.handle, () => {
+    if (!session.answers) return null;
+    const now = performance.now();
+    if (now - lastUp < DOUBLE_TAP) {
+      desk.run("skin");
+      return null;
+    }
+    const map = pane.mapping;
+    const axis = pane.needleOnScreen();
+    if (!map || !axis) return null;
+    const [depth, angle, entry] = [session.value("push"), session.value("angle"), session.value("along")];
+    let mode: "along" | "sideways" | null = null;
+    pane.element.classList.add("dragging");
+    return {
+      move: (dx, dy) => {
+        const along = dx * axis[0] + dy * axis[1];
+        const sideways = -dx * axis[1] + dy * axis[0];
+        if (!mode && Math.hypot(dx, dy) > DECIDE) mode = Math.abs(along) >= Math.abs(sideways) ? "along" : "sideways";
+        const pace = PACE[desk.motion.pace];
+        if (desk.switches.placing) session.setAxis("along", entry + dx / map.scale);
+        else if (mode === "along") {
+          session.setAxis("push", depth + (along / map.scale) * pace);
+          pane.slid = session.value("push") - depth;
+        } else if (mode === "sideways") session.setAxis("angle", angle - sideways * DEGREES_PER_PX * pace);
+      },
+      end: () => {
+        pane.slid = 0;
+        lastUp = mode === null ? performance.now() : 0;
+        pane.element.classList.remove("dragging");
+        pane.refresh();
+      },
+    };
+  });
+
+  pane.element.addEventListener(
+    "wheel",
+    (event) => {
+      if (event.ctrlKey || !session.answers) return;
+      event.preventDefault();
+      const notches = (event.deltaMode === 0 ? event.deltaY : event.deltaY * 33) / NOTCH;
+      session.nudge("push", notches * AXES.push.step * PACE[desk.motion.pace]);
+    },
+    { passive: false },
+  );
+
+  // a double click or double tap on the skin line: the needle goes in there next
+  pane.element.addEventListener("dblclick", (event) => {
+    const u = pane.skinAt(event.clientX, event.clientY);
+    if (u === null || !session.answers) return;
+    if (!desk.switches.placing) desk.run("entry");
+    session.setAxis("along", u);
+  });
+}

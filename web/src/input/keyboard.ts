@@ -1,0 +1,55 @@
+/** The keyboard, by the place of its keys; it acts while the image has the focus. */
+
+import type { Desk } from "../desk";
+import { KEYS } from "../keys";
+
+export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
+  const paces = new Set<string>();
+
+  image.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const binding = KEYS.get(event.code);
+    if (!binding || event.target !== image) return;
+    event.preventDefault();
+    if (event.repeat) return;
+    if (binding.does === "axis") desk.press(event.code, binding.axis, binding.sign);
+    else if (binding.does === "command") desk.run(binding.command);
+    else {
+      paces.add(event.code);
+      desk.holdPace(binding.pace);
+    }
+  });
+
+  // everywhere: help by its sign, and what stops
+  document.addEventListener("keydown", (event) => {
+    const inside = event.target as HTMLElement;
+    if (event.defaultPrevented || inside.matches("input, textarea") || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key === "?") desk.run("help");
+    if (event.key === "Escape" && !inside.closest("dialog, [role=menu]")) desk.run("close");
+  });
+
+  window.addEventListener("keyup", (event) => {
+    desk.release(event.code);
+    if (paces.delete(event.code) && paces.size === 0) desk.holdPace(null);
+  });
+
+  const stop = () => {
+    paces.clear();
+    desk.stop();
+  };
+  window.addEventListener("blur", stop);
+  image.addEventListener("blur", stop);
+  document.addEventListener("visibilitychange", stop);
+}
+
+/** After a pointer was used elsewhere the image has the focus again; widgets that are typed in keep it. */
+export function returnFocus(image: HTMLElement): void {
+  document.addEventListener("pointerup", (event) => {
+    const at = event.target as HTMLElement;
+    if (at.closest("input, dialog, [role=menu], [role=alertdialog], .sheet")) return;
+    window.setTimeout(() => {
+      const now = document.activeElement;
+      if (!now?.closest("input, dialog, [role=menu], [role=alertdialog]")) image.focus({ preventScroll: true });
+    });
+  });
+}

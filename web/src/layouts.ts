@@ -1,0 +1,28 @@
+/** Which of the three layouts a window gets, and the room around the image in each. */
+
+import type { Margins } from "./image/fit";
+import type { ProbeInfo } from "./protocol";
+
+export type Layout = "desktop" | "compact" | "tablet";
+
+export function chooseLayout(width: number, height: number, coarse: boolean): Layout {
+  if (coarse) return "tablet";
+  return width >= 1280 && height >= 820 ? "desktop" : "compact";
+}
+
+const MARGINS: Record<Layout, Margins> = {
+  desktop: { left: 52, top: 32, right: 20, bottom: 28 },
+  compact: { left: 48, top: 30, right: 14, bottom: 16 },
+  tablet: { left: 60, top: 16, right: 14, bottom: 16 },
+};
+
+/** A sector has black corners for the texts beside it; parallel beams fill their corners, so they leave margins. */
+export function margins(layout: Layout, kind: ProbeInfo["kind"]): Margins {
+  if (kind !== "linear") return MARGINS[layout];
+  return { ...MARGINS[layout], left: 190, right: layout === "compact" ? 160 : 236 };
+}
+
+/** px from the right that the image leaves free where it can: the read-outs in the black corner. */
+export const KEEP_RIGHT: Record<Layout, number> = { desktop: 190, compact: 0, tablet: 0 };
+
+export const RULER_X: Record<Layout, number> = { desktop: 40, compact: 38, tablet: 40 };

@@ -1,0 +1,111 @@
+/** The page: one session, its parts, and one loop. */
+
+import { Connection, liveAddress } from "./connection";
+import { Desk } from "./desk";
+import { h } from "./dom";
+import { GamepadReader } from "./input/gamepad";
+import { handleInput } from "./input/handle";
+import { listenToKeyboard, returnFocus } from "./input/keyboard";
+import { scaleInput } from "./input/scale";
+import { chooseLayout, type Layout } from "./layouts";
+import { Announcer } from "./parts/announce";
+import { dock, shorten } from "./parts/dock";
+import { Header } from "./parts/header";
+import { helpDialog } from "./parts/help";
+import { hints } from "./parts/hints";
+import { ImagePane } from "./parts/imagePane";
+import { LostPanel } from "./parts/lost";
+import { NoticePart } from "./parts/notice";
+import { PassPanel } from "./parts/pass";
+import { MotionPlot } from "./parts/plot";
+import { imageBar, needleRail, probeRail } from "./parts/rails";
+import { ReadoutsPart } from "./parts/readouts";
+import { RefusalSheet } from "./parts/refusal";
+import { ViewPane } from "./parts/viewPane";
+import { Session } from "./session";
+import "./styles/tokens.css";
+import "./styles/controls.css";
+import "./styles/layout.css";
+import "./styles/image.css";
+import "./styles/panels.css";
+import "./styles/tablet.css";
+import "./styles/help.css";
+import "./styles/preferences.css";
+
+/** s: a tab that slept must not jump. */
+const LONGEST_STEP = 0.1;
+
+const link = new Connection(liveAddress(location.href));
+const session = new Session(link);
+const desk = new Desk(session);
+
+const header = new Header(desk);
+const image = new ImagePane(session, desk);
+const readouts = new ReadoutsPart(session);
+const notice = new NoticePart(desk, header);
+const lost = new LostPanel(session, image.element);
+const view = new ViewPane(desk);
+const plot = new MotionPlot(session);
+const pass = new PassPanel(session);
+const picker = header.element.querySelector<HTMLElement>(".picker");
+const sheet = new RefusalSheet(session, picker ?? header.element);
+const announcer = new Announcer(desk);
+const pads = new GamepadReader(desk);
+const controls = dock(desk);
+
+document.body.append(
+  header.element,
+  probeRail(desk),
+  h("main", { class: "stage" }, image.element, readouts.element, notice.element, lost.element),
+  h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element),
+  needleRail(desk),
+  controls,
+  imageBar(desk),
+  helpDialog(desk),
+  hints(),
+  announcer.element,
+);
+
+const coarse = window.matchMedia("(pointer: coarse)");
+let layout: Layout | null = null;
+const arrange = () => {
+  const next = chooseLayout(window.innerWidth, window.innerHeight, coarse.matches);
+  if (next === layout) return;
+  layout = next;
+  document.body.dataset.layout = next;
+  shorten(controls, next);
+  image.use(next);
+};
+window.addEventListener("resize", arrange);
+coarse.addEventListener("change", arrange);
+arrange();
+const dress = () => {
+  document.body.classList.toggle("left-handed", desk.switches.leftHanded);
+  document.body.classList.toggle("swapped", desk.switches.swapped);
+};
+desk.switched.on(dress);
+dress();
+session.statusChanged.on((status) => (document.body.dataset.status = status));
+document.body.dataset.status = session.status;
+
+listenToKeyboard(desk, image.element);
+returnFocus(image.element);
+handleInput(image, desk);
+scaleInput(image, desk);
+image.element.focus();
+
+const parts = [image, readouts, header, notice, lost, view, plot, pass, announcer];
+let before = performance.now();
+const loop = (now: number) => {
+  pads.poll(now);
+  desk.advance(Math.min(LONGEST_STEP, (now - before) / 1000));
+  before = now;
+  session.flush(now);
+  session.draw(now);
+  for (const part of parts) part.tick(now);
+  requestAnimationFrame(loop);
+};
+requestAnimationFrame(loop);
+
+link.open();
+void view.load();

@@ -1,0 +1,93 @@
+/** From what the hands hold down to how far things move: one tap is one step, holding moves steadily. */
+
+import { AXES, type AxisId } from "./axes";
+
+export type Pace = "slow" | "normal" | "fast";
+export const PACE: Record<Pace, number> = { slow: 0.2, normal: 1, fast: 4 };
+
+/** Seconds before a held key or button moves on by itself. */
+export const HOLD_DELAY = 0.25;
+
+interface Held { axis: AxisId; sign: number; age: number; left: number }
+
+/**
+ * Collects what is held (keys, buttons: a step at once, then a rate) and driven (sticks, levers: a speed), and
+ * integrates them. It knows nothing of poses: it hands out increments.
+ */
+export class Motion {
+  /** The speed that stays chosen, and the one a held key lays over it. */
+  chosen: Pace = "normal";
+  over: Pace | null = null;
+  private held = new Map<string, Held>();
+  private driven = new Map<string, { axis: AxisId; speed: number }>();
+
+  get pace(): Pace {
+    return this.over ?? this.chosen;
+  }
+
+  /** A key or button goes down: one step now. A second press of the same source changes nothing. */
+  press(source: string, axis: AxisId, sign: number): Increment | null {
+    if (this.held.has(source)) return null;
+    this.held.set(source, { axis, sign, age: 0, left: 0 });
+    return { axis, by: sign * AXES[axis].step * this.factor(axis) };
+  }
+
+  release(source: string): void {
+    this.held.delete(source);
+    this.driven.delete(source);
+  }
+
+  /** A stick or lever stands at a speed, in units of the axis' rate; 0 lets go. */
+  drive(source: string, axis: AxisId, speed: number): void {
+    if (speed === 0) this.driven.delete(source);
+    else this.driven.set(source, { axis, speed });
+  }
+
+  /** Everything stops: blur, hidden tab, lost connection, an unplugged gamepad. */
+  stop(): void {
+    this.held.clear();
+    this.driven.clear();
+    this.over = null;
+  }
+
+  /** What pushes one way lets go until it is pressed again: a needle at its end must not wind up. */
+  stopAxis(axis: AxisId, sign: number): void {
+    for (const held of this.held.values()) if (held.axis === axis && held.sign === sign) held.age = -Infinity;
+  }
+
+  get moving(): boolean {
+    return this.held.size > 0 || this.driven.size > 0;
+  }
+
+  /** What moved in the last `seconds`. */
+  advance(seconds: number): Increment[] {
+    const out: Increment[] = [];
+    for (const held of this.held.values()) {
+      const before = held.age;
+      held.age += seconds;
+      const active = held.age - Math.max(before, HOLD_DELAY);
+      if (active <= 0) continue;
+      const by = held.sign * AXES[held.axis].rate * active * this.factor(held.axis);
+      out.push({ axis: held.axis, by: AXES[held.axis].setting ? this.whole(held, by) : by });
+    }
+    for (const { axis, speed } of this.driven.values()) {
+      out.push({ axis, by: speed * AXES[axis].rate * seconds * this.factor(axis) });
+    }
+    return out.filter((increment) => increment.by !== 0);
+  }
+
+  private factor(axis: AxisId): number {
+    return AXES[axis].setting ? 1 : PACE[this.pace];
+  }
+
+  /** Settings go from step to step: keep what is short of one. */
+  private whole(held: Held, by: number): number {
+    const step = AXES[held.axis].step;
+    held.left += by;
+    const steps = Math.trunc(held.left / step + 1e-9 * Math.sign(held.left));
+    held.left -= steps * step;
+    return steps * step;
+  }
+}
+
+export interface Increment { axis: AxisId; by: number }

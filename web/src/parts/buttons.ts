@@ -1,0 +1,119 @@
+/** Buttons that run a command, with their key shown on hover, focus and long press. */
+
+import type { Desk } from "../desk";
+import { h } from "../dom";
+import { icon, type IconName } from "../icons";
+import { COMMANDS, keyOf, type CommandId } from "../keys";
+import type { AxisId } from "../axes";
+import { holdable } from "../input/hold";
+import type { Pace } from "../motion";
+
+export function commandButton(desk: Desk, command: CommandId, label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
+  return h(
+    "button",
+    { type: "button", class: `button ${className}`.trim(), "data-command": command, "data-hint": COMMANDS[command], "data-key": keyOf(command), onclick: () => desk.run(command) },
+    picture && icon(picture),
+    h("span", {}, label),
+  );
+}
+
+/** A command that is on or off. */
+export function toggleButton(desk: Desk, command: "guides" | "grid" | "colours" | "probeView", label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
+  const button = commandButton(desk, command, label, picture, `toggle ${className}`);
+  const refresh = () => button.setAttribute("aria-pressed", String(desk.switches[command]));
+  desk.switched.on(refresh);
+  refresh();
+  return button;
+}
+
+export function pushButton(desk: Desk, sign: 1 | -1, label: string, className: string): HTMLButtonElement {
+  const axis: AxisId = "push";
+  const button = h(
+    "button",
+    { type: "button", class: `button ${className}`, "data-hint": sign > 0 ? "Push" : "Pull back", "data-key": keyOf({ axis, sign }) },
+    icon(sign > 0 ? "down" : "up"),
+    h("span", {}, label),
+  );
+  holdable(button, desk, axis, sign);
+  const refresh = () => {
+    const { session } = desk;
+    const [low, high] = session.scene?.limits.needle.depth ?? [0, 0];
+    const depth = session.value("push");
+    button.setAttribute("aria-disabled", String(!session.answers || depth === (sign > 0 ? high : low)));
+  };
+  desk.session.wished.on(refresh);
+  desk.session.statusChanged.on(refresh);
+  return button;
+}
+
+export function freezeButton(desk: Desk, className: string): HTMLButtonElement {
+  const button = commandButton(desk, "freeze", "Freeze", "freeze", `freeze ${className}`);
+  const word = button.lastElementChild as HTMLElement;
+  desk.session.statusChanged.on((status) => {
+    const frozen = status === "frozen";
+    button.setAttribute("aria-pressed", String(frozen));
+    word.textContent = frozen ? "Frozen" : "Freeze";
+    button.disabled = status !== "live" && !frozen;
+  });
+  return button;
+}
+
+const PACES: readonly [Pace, string, string][] = [["slow", "Slow", "Shift"], ["normal", "Normal", ""], ["fast", "Fast", "F"]];
+
+/** Slow, normal, fast: the choice stays; a held key lays another over it. */
+export function paceGroup(desk: Desk): HTMLElement {
+  const group = h("div", { class: "segments", role: "radiogroup", "aria-label": "Speed" });
+  const buttons = PACES.map(([pace, label, key]) =>
+    h("button", { type: "button", role: "radio", "data-pace": pace, "data-hint": `${label} motion`, "data-key": key && `hold ${key}`, onclick: () => desk.choosePace(pace) }, label),
+  );
+  group.append(...buttons);
+  radioKeys(group, () => buttons, (k) => desk.choosePace(PACES[k][0]));
+  const refresh = () => {
+    for (const [k, button] of buttons.entries()) choose(button, PACES[k][0] === desk.motion.chosen, PACES[k][0] === desk.motion.pace);
+  };
+  desk.paced.on(refresh);
+  refresh();
+  return group;
+}
+
+/** One button that goes round the three speeds. */
+export function paceButton(desk: Desk): HTMLButtonElement {
+  const value = h("span", { class: "value" });
+  const button = h(
+    "button",
+    { type: "button", class: "button pace", "data-hint": "Slow 0.2 x, normal, fast 4 x", onclick: () => {
+      const now = PACES.findIndex(([pace]) => pace === desk.motion.chosen);
+      desk.choosePace(PACES[(now + 1) % PACES.length][0]);
+    } },
+    h("span", { class: "name" }, "Speed"),
+    value,
+  );
+  const refresh = () => (value.textContent = PACES.find(([pace]) => pace === desk.motion.pace)?.[1] ?? "");
+  desk.paced.on(refresh);
+  refresh();
+  return button;
+}
+
+/** Chosen for good, and in force for the moment. */
+export function choose(button: HTMLElement, chosen: boolean, lit = chosen): void {
+  button.setAttribute("aria-checked", String(chosen));
+  button.classList.toggle("lit", lit);
+  button.tabIndex = chosen ? 0 : -1;
+}
+
+/** The arrows inside a radio group. */
+export function radioKeys(group: HTMLElement, all: () => HTMLElement[], pick: (k: number) => void): void {
+  group.addEventListener("keydown", (event) => {
+    const buttons = all();
+    const now = buttons.indexOf(document.activeElement as HTMLElement);
+    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.code];
+    if (now < 0 || !step) return;
+    event.preventDefault();
+    for (let k = 1; k <= buttons.length; k += 1) {
+      const next = (now + step * k + k * buttons.length) % buttons.length;
+      if (buttons[next].getAttribute("aria-disabled") === "true") continue;
+      buttons[next].focus();
+      return pick(next);
+    }
+  });
+}

@@ -1,0 +1,194 @@
+/** The large pane: image, marks, scale, and the few words in its black corners. */
+
+import { show } from "../axes";
+import type { Desk } from "../desk";
+import { h, s, toggle } from "../dom";
+import { fit, Mapping, type Raster } from "../image/fit";
+import { needleInImage, skinLine } from "../image/geometry";
+import { faceOrigin, Marks } from "../image/marks";
+import { Picture } from "../image/picture";
+import { Ruler } from "../image/ruler";
+import { sector, type Point, type Sector } from "../image/sector";
+import { KEEP_RIGHT, margins, RULER_X, type Layout } from "../layouts";
+import type { FrameHeader, Scene, State } from "../protocol";
+import type { Session } from "../session";
+import { clamp } from "../vec";
+import { inPlane, onTarget } from "./readouts";
+
+/** ms the hand may be ahead before its last drawn place is shown too. */
+const AHEAD = 100;
+/** px around the skin line that count as on it. */
+const NEAR = 16;
+
+export class ImagePane {
+  readonly picture = new Picture();
+  readonly marks = new Marks();
+  private readonly caption = h("p", { class: "caption", "aria-hidden": "true" });
+  private readonly greyBar = h("div", { class: "grey-bar", "aria-hidden": "true" });
+  private readonly keys = h(
+    "p",
+    { id: "image-keys", class: "unseen" },
+    "Arrow keys push, pull and turn the needle; A D W S slide and sweep the probe; Q E rotate, Z X fan; comma and full stop swing; Space freezes; question mark shows all keys.",
+  );
+  readonly element: HTMLElement;
+  readonly ruler = new Ruler();
+  mapping: Mapping | null = null;
+  /** mm a drag has carried the handle along its axis. */
+  slid = 0;
+  private layout: Layout = "desktop";
+  private size = { width: 0, height: 0 };
+  private view: Sector | null = null;
+  private handleAt: Point = [0, 0];
+  private drawnHandle: Point | null = null;
+  private aheadSince: number | null = null;
+
+  constructor(
+    private readonly session: Session,
+    desk: Desk,
+  ) {
+    this.element = h(
+      "section",
+      { class: "image-pane", role: "application", tabindex: 0, "aria-label": "Ultrasound image", "aria-describedby": "image-keys", "aria-roledescription": "ultrasound image" },
+      this.picture.canvas,
+      this.marks.svg,
+      this.caption,
+      this.greyBar,
+      this.keys,
+    );
+    this.marks.svg.prepend(s("g", { class: "ruler" }, this.ruler.scale, this.ruler.caret));
+    new ResizeObserver(([entry]) => {
+      this.size = { width: entry.contentRect.width, height: entry.contentRect.height };
+      this.place();
+    }).observe(this.element);
+    session.sceneReady.on(() => this.place());
+    session.drawn.on((frame) => {
+      this.picture.draw(frame);
+      this.drawFrame(frame.header);
+    });
+    session.wished.on((wish) => this.drawWish(wish));
+    session.statusChanged.on((status) => {
+      toggle(this.element, "stale", status === "lost");
+      toggle(this.element, "held", status !== "live");
+      if (status === "loading") this.place();
+    });
+    desk.switched.on(({ guides, placing }) => {
+      toggle(this.element, "no-guides", !guides);
+      toggle(this.element, "placing", placing);
+    });
+  }
+
+  get handle(): SVGGElement {
+    return this.marks.handle;
+  }
+
+  use(layout: Layout): void {
+    this.layout = layout;
+    this.ruler.stand(RULER_X[layout]);
+    this.place();
+  }
+
+  /** Once an animation frame: is the hand ahead of the image? */
+  tick(now: number): void {
+    const drawn = this.drawnHandle;
+    const apart = drawn !== null && Math.hypot(drawn[0] - this.handleAt[0], drawn[1] - this.handleAt[1]) > 3;
+    this.aheadSince = apart ? (this.aheadSince ?? now) : null;
+    this.marks.drawGhost(this.aheadSince !== null && now - this.aheadSince > AHEAD ? drawn : null);
+  }
+
+  refresh(): void {
+    if (this.session.wish) this.drawWish(this.session.wish);
+  }
+
+  /** Unit direction of the needle on the screen. */
+  needleOnScreen(): Point | null {
+    const { frame, scene, wish } = this.session;
+    return frame && scene && wish ? needleInImage(scene.frame, wish.needle, frame.header.image_to_reference).along : null;
+  }
+
+  /** The entry u of a place on the skin line outside the image; null elsewhere. */
+  skinAt(clientX: number, clientY: number): number | null {
+    const { frame, scene, wish } = this.session;
+    const skin = frame && scene ? skinLine(scene.frame, frame.header.image_to_reference) : null;
+    if (!frame || !scene || !wish || !skin || !this.mapping || !this.view) return null;
+    const box = this.element.getBoundingClientRect();
+    const [x, y] = this.mapping.back([clientX - box.left, clientY - box.top]);
+    const t = (x - skin.through[0]) / (skin.along[0] || 1e-9);
+    const line = skin.through[1] + t * skin.along[1];
+    const origin = faceOrigin(frame.header);
+    const beside = x < origin[0] + this.view.face[0][0] || x > origin[0] + this.view.face[this.view.face.length - 1][0];
+    if (!beside || Math.abs(y - line) * this.mapping.scale > NEAR) return null;
+    const here = needleInImage(scene.frame, wish.needle, frame.header.image_to_reference).entry;
+    return wish.needle.u + (x - here[0]) / Math.max(0.2, skin.along[0]);
+  }
+
+  /** Where the image goes: of the frame drawn, or of the one awaited. */
+  private place(): void {
+    const { scene, wish, frame } = this.session;
+    if (!scene || !wish || this.size.width === 0) return;
+    const header = frame?.header;
+    this.view = sector(scene.probe, header?.state.image.depth ?? wish.image.depth);
+    const raster: Raster = header ?? expected(this.view);
+    const box = fit(this.size, raster, margins(this.layout, scene.probe.kind), KEEP_RIGHT[this.layout]);
+    this.mapping = new Mapping(box, raster);
+    const { style } = this.picture.canvas;
+    style.left = `${box.left}px`;
+    style.top = `${box.top}px`;
+    style.width = `${box.width}px`;
+    style.height = `${box.height}px`;
+    const origin: Point = header ? faceOrigin(header) : [-this.view.low[0], -this.view.low[1]];
+    this.marks.drawWaiting(this.mapping, this.view, origin, !header);
+    toggle(this.element, "waiting", !header);
+    this.ruler.draw(this.mapping, origin[1], wish.image.depth, wish.image.focus);
+    this.writeCaption(header?.state ?? wish, scene);
+    if (header) this.drawMarks(header, scene);
+  }
+
+  private drawFrame(header: FrameHeader): void {
+    const { scene } = this.session;
+    const map = this.mapping;
+    const kept =
+      map && map.raster.rows === header.rows && map.raster.columns === header.columns && map.raster.pixel[0] === header.pixel[0];
+    if (!kept || this.element.classList.contains("waiting") || !scene) this.place();
+    else this.drawMarks(header, scene);
+    if (scene) this.writeCaption(header.state, scene);
+  }
+
+  private drawMarks(header: FrameHeader, scene: Scene): void {
+    const { mapping, view, session, size } = this;
+    if (!mapping || !view || !session.wish) return;
+    this.marks.drawProbe(mapping, view, header, scene, size.width);
+    this.drawnHandle = this.marks.drawHandle(mapping, view, header, scene, header.state.needle, 0);
+    const name = scene.targets.find((target) => target.id === header.target?.id)?.name ?? "";
+    this.marks.drawGuides(mapping, header, name, inPlane(header.readouts), onTarget(header.readouts, scene), size.width);
+    this.drawWish(session.wish);
+  }
+
+  private drawWish(wish: State): void {
+    const { mapping, view } = this;
+    const { frame, scene } = this.session;
+    if (!mapping || !view || !frame || !scene) return;
+    this.handleAt = this.marks.drawHandle(mapping, view, frame.header, scene, wish.needle, this.slid);
+    this.ruler.draw(mapping, faceOrigin(frame.header)[1], frame.header.state.image.depth, wish.image.focus);
+  }
+
+  private writeCaption(state: State, scene: Scene): void {
+    const { image } = state;
+    const lines = [
+      scene.probe.name,
+      `${show("frequency", image.frequency)} MHz`,
+      `Depth ${show("depth", image.depth)} cm`,
+      `Gain ${show("gain", image.gain)} dB`,
+      "Simulated image",
+    ];
+    if (this.caption.dataset.text === lines.join("\n")) return;
+    this.caption.dataset.text = lines.join("\n");
+    this.caption.replaceChildren(...lines.map((line) => h("span", {}, line)));
+  }
+}
+
+/** The raster of an image that has not come yet, fine enough to be placed. */
+function expected(view: Sector): Raster {
+  const pixel = 0.25;
+  const count = (axis: 0 | 1) => Math.ceil((view.high[axis] - view.low[axis]) / pixel);
+  return { columns: clamp(count(0), 1, 4096), rows: clamp(count(1), 1, 4096), pixel: [pixel, pixel] };
+}

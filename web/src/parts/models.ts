@@ -1,0 +1,43 @@
+/** Which tissue model answers: a switch keeps the pose. */
+
+import type { Desk } from "../desk";
+import { h } from "../dom";
+import { keyOf, type CommandId } from "../keys";
+import type { Model } from "../protocol";
+import { choose, radioKeys } from "./buttons";
+
+export function modelSwitch(desk: Desk): HTMLElement {
+  const { session } = desk;
+  const group = h("div", { class: "segments models", role: "radiogroup", "aria-label": "Tissue model" });
+  let buttons: HTMLButtonElement[] = [];
+  const refresh = () => buttons.forEach((button) => choose(button, button.dataset.model === session.model));
+  session.sceneReady.on((scene) => {
+    buttons = scene.models.map((model, k) => modelButton(desk, model, k));
+    group.replaceChildren(...buttons);
+    refresh();
+  });
+  session.modelChanged.on(refresh);
+  radioKeys(group, () => buttons, (k) => session.chooseModel(buttons[k].dataset.model ?? ""));
+  return group;
+}
+
+function modelButton(desk: Desk, model: Model, place: number): HTMLButtonElement {
+  const command = `model${place + 1}` as CommandId;
+  return h(
+    "button",
+    {
+      type: "button", role: "radio", "data-model": model.id, "aria-disabled": String(!model.available),
+      "data-hint": model.available ? model.name : `${model.name}: ${model.reason ?? "not available"}`,
+      "data-key": place < 3 ? keyOf(command) : "",
+      onclick: () => desk.session.chooseModel(model.id),
+    },
+    h("span", { class: "long" }, model.name),
+    h("span", { class: "short" }, shortName(model.name)),
+  );
+}
+
+/** The last word says enough where there is little room: "Paper spline" is the spline. */
+function shortName(name: string): string {
+  const word = name.split(" ").at(-1) ?? name;
+  return word.charAt(0).toUpperCase() + word.slice(1);
+}

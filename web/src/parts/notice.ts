@@ -1,0 +1,86 @@
+/** One notice at a time in a black corner: what is held, what is slow, what failed. */
+
+import type { Desk } from "../desk";
+import { h, write } from "../dom";
+import { icon, type IconName } from "../icons";
+import type { Header } from "./header";
+
+interface Entry { kind: "plain" | "caution" | "fault"; picture: IconName; title: string; text: string; undo?: boolean; close?: boolean }
+
+const EVERY = 100;
+const BLOCKED: Record<string, string> = {
+  "end of needle": "End of needle", "leaves the tissue": "Leaves the tissue", "needle inside": "Needle inside",
+};
+/** ms a refusal and a block stay after their cause has gone. */
+const LINGER = 4000;
+const BLOCK_LINGER = 1200;
+
+export class NoticePart {
+  private readonly title = h("b", {});
+  private readonly text = h("span", {});
+  private readonly place = h("span", { class: "picture" });
+  private readonly undo = h("button", { type: "button", class: "button" }, "Undo reset");
+  private readonly close = h("button", { type: "button", class: "button" }, "Dismiss");
+  readonly element = h("div", { class: "notice", hidden: true }, h("p", { class: "title" }, this.place, this.title), h("p", {}, this.text), this.undo, this.close);
+  private fault: { message: string } | null = null;
+  private caution: { message: string; until: number } | null = null;
+  private blocked: { word: string; until: number } | null = null;
+  private shownAt = -Infinity;
+
+  constructor(
+    private readonly desk: Desk,
+    private readonly header: Header,
+  ) {
+    const { session } = desk;
+    this.undo.addEventListener("click", () => {
+      desk.restoreUntil = 0;
+      session.restore();
+    });
+    this.close.addEventListener("click", () => (this.fault = null));
+    session.noticed.on(({ level, message }) => {
+      if (level === "fault") this.fault = { message };
+      else this.caution = { message, until: performance.now() + LINGER };
+    });
+    session.refused.on(({ what, message }) => {
+      if (what !== "scene" && what !== "open_scene") this.caution = { message, until: performance.now() + LINGER };
+    });
+    session.drawn.on(({ header: { blocked } }) => {
+      if (blocked) this.blocked = { word: BLOCKED[blocked] ?? blocked, until: performance.now() + BLOCK_LINGER };
+    });
+    session.sceneReady.on(() => {
+      this.fault = this.caution = this.blocked = null;
+    });
+  }
+
+  tick(now: number): void {
+    if (now - this.shownAt < EVERY) return;
+    this.shownAt = now;
+    const entry = this.choose(now);
+    this.element.hidden = entry === null;
+    if (!entry) return;
+    this.element.dataset.kind = entry.kind;
+    write(this.title, entry.title);
+    write(this.text, entry.text);
+    if (this.place.dataset.picture !== entry.picture) {
+      this.place.dataset.picture = entry.picture;
+      this.place.replaceChildren(icon(entry.picture));
+    }
+    this.undo.hidden = !entry.undo;
+    this.close.hidden = !entry.close;
+  }
+
+  /** The gravest first. */
+  private choose(now: number): Entry | null {
+    const { session, switches, restoreUntil } = this.desk;
+    if (session.status === "lost" || session.status === "loading") return null;
+    if (this.fault) return { kind: "fault", picture: "warning", title: "Fault", text: this.fault.message, close: true };
+    if (session.status === "frozen") return { kind: "plain", picture: "freeze", title: "Frozen", text: "Space or Freeze to go on" };
+    if (now < restoreUntil) return { kind: "plain", picture: "clockwise", title: "Reset", text: `can be undone for ${Math.ceil((restoreUntil - now) / 1000)} s`, undo: true };
+    if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.word, text: "The needle stops here" };
+    if (this.caution && now < this.caution.until) return { kind: "caution", picture: "warning", title: "Not done", text: this.caution.message };
+    if (switches.placing) return { kind: "plain", picture: "entry", title: "New entry", text: "Left, right: along the skin. Push to go in" };
+    const latency = this.header.latencyNow;
+    if (this.header.slow.on && latency !== null) return { kind: "caution", picture: "warning", title: "Slow", text: `Image is ${latency.toFixed(0)} ms behind your hand` };
+    return null;
+  }
+}

@@ -1,0 +1,36 @@
+/** This pass in four figures; the place kept for exercises. */
+
+import { h, write } from "../dom";
+import type { Session } from "../session";
+
+const EVERY = 100;
+
+export class PassPanel {
+  private readonly figures = { time: figure("Time"), passes: figure("Passes"), path: figure("Tip path"), off: figure("Max off-plane") };
+  readonly element = h(
+    "section",
+    { class: "panel pass", "aria-labelledby": "pass-title" },
+    h("div", { class: "panel-head" }, h("h2", { id: "pass-title" }, "This pass"), h("span", {}, "no exercise running")),
+    h("dl", {}, ...Object.values(this.figures).map(({ root }) => root)),
+  );
+  private writtenAt = -Infinity;
+
+  constructor(private readonly session: Session) {}
+
+  tick(now: number): void {
+    const { frame, status } = this.session;
+    if (now - this.writtenAt < EVERY || !frame || status === "lost") return;
+    this.writtenAt = now;
+    const { time_s, passes, tip_path_mm, max_off_plane_mm } = frame.header.pass;
+    const { time, passes: count, path, off } = this.figures;
+    write(time.value, `${Math.floor(time_s / 60)}:${String(Math.floor(time_s % 60)).padStart(2, "0")}`);
+    write(count.value, String(passes));
+    write(path.value, `${tip_path_mm.toFixed(0)} mm`);
+    write(off.value, `${max_off_plane_mm.toFixed(1)} mm`);
+  }
+}
+
+function figure(name: string): { root: HTMLElement; value: HTMLElement } {
+  const value = h("dd", {}, "–");
+  return { root: h("div", {}, h("dt", {}, name), value), value };
+}

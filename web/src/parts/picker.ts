@@ -1,0 +1,106 @@
+/** Which scene: a menu of those that are shipped, and a file of the user's own. */
+
+import { h, write } from "../dom";
+import { icon } from "../icons";
+import type { Session } from "../session";
+
+/** The server takes messages of 64 KiB. */
+const LARGEST = 60_000;
+
+export function scenePicker(session: Session): HTMLElement {
+  const name = h("b", {}, "–");
+  const button = h(
+    "button",
+    { type: "button", class: "button", id: "scene-button", "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": "scene-menu" },
+    h("span", { class: "name" }, "Scene"),
+    name,
+    icon("chevron", 14),
+  );
+  const menu = h("div", { class: "menu", id: "scene-menu", role: "menu", "aria-labelledby": "scene-button", hidden: true });
+  const file = h("input", { type: "file", accept: ".toml", hidden: true, "aria-label": "Scene file" });
+  const progress = h("span", { class: "progress" });
+  const root = h("div", { class: "picker" }, button, menu, file, progress);
+
+  const close = (focus = true) => {
+    if (menu.hidden) return;
+    menu.hidden = true;
+    button.setAttribute("aria-expanded", "false");
+    if (focus) button.focus();
+  };
+  const open = () => {
+    menu.replaceChildren(...entries());
+    menu.hidden = false;
+    button.setAttribute("aria-expanded", "true");
+    const now = menu.querySelector<HTMLElement>("[aria-checked=true]") ?? (menu.firstElementChild as HTMLElement | null);
+    now?.focus();
+  };
+  const item = (label: string, note: string, run: () => void, checked: boolean | null = null) =>
+    h(
+      "button",
+      {
+        type: "button", role: checked === null ? "menuitem" : "menuitemradio", "aria-checked": checked === null ? null : String(checked), tabindex: -1,
+        onclick: () => {
+          close();
+          run();
+        },
+      },
+      h("b", {}, label),
+      h("span", {}, note),
+    );
+  const entries = () => [
+    ...(session.hello?.scenes ?? []).map((scene) => item(scene.name, scene.description, () => session.chooseScene(scene.id), scene.id === session.scene?.id)),
+    ...targets(),
+    item("Open file", "A scene file of your own (.toml)", () => file.click()),
+  ];
+  const targets = () => {
+    const all = session.scene?.targets ?? [];
+    return all.length < 2 ? [] : all.map((target) => item(`Target: ${target.name}`, "", () => session.chooseTarget(target.id), target.id === session.target));
+  };
+
+  button.addEventListener("click", () => (menu.hidden ? open() : close()));
+  button.addEventListener("keydown", (event) => {
+    if (event.code !== "ArrowDown") return;
+    event.preventDefault();
+    open();
+  });
+  menu.addEventListener("keydown", (event) => {
+    const items = [...menu.children] as HTMLElement[];
+    const now = items.indexOf(document.activeElement as HTMLElement);
+    const next = { ArrowDown: now + 1, ArrowUp: now - 1, Home: 0, End: -1 }[event.code];
+    if (event.code === "Escape") close();
+    if (event.code === "Tab") close(false);
+    if (next === undefined) return;
+    event.preventDefault();
+    items.at(next % items.length)?.focus();
+  });
+  document.addEventListener("pointerdown", (event) => {
+    if (!root.contains(event.target as Node)) close(false);
+  });
+  file.addEventListener("change", () => {
+    const chosen = file.files?.[0];
+    file.value = "";
+    if (chosen) void send(chosen);
+  });
+  const send = async (chosen: File) => {
+    const text = await chosen.text();
+    if (text.length <= LARGEST) return session.openScene(chosen.name, text);
+    session.refused.emit({ type: "refused", what: "scene", message: `${text.length} characters are too many for a scene file; give at most ${LARGEST}`, file: chosen.name });
+  };
+  root.addEventListener("open-scene-menu", () => open());
+  root.addEventListener("open-scene-file", () => file.click());
+
+  session.sceneReady.on((scene) => {
+    write(name, scene.name);
+    root.classList.remove("loading");
+  });
+  session.loading.on(({ name: loading, share }) => {
+    write(name, loading);
+    root.classList.add("loading");
+    progress.style.width = `${(100 * share).toFixed(0)}%`;
+  });
+  session.refused.on(() => {
+    root.classList.remove("loading");
+    if (session.scene) write(name, session.scene.name);
+  });
+  return root;
+}

@@ -1,0 +1,94 @@
+/** How far the target has moved against insertion depth: the live model, and the others' curves as they were left. */
+
+import { axisTop, Curves } from "../curves";
+import { h, s } from "../dom";
+import type { Session } from "../session";
+
+const ROOM = { left: 22, right: 8, top: 22, bottom: 22 };
+const EVERY = 100;
+const DASHES = ["5 4", "1.500 3.500", "8 3 2 3"];
+
+export class MotionPlot {
+  private readonly svg = s("svg", { class: "plot", role: "img", "aria-label": "Target motion in millimetres against insertion depth" });
+  readonly element = h(
+    "section",
+    { class: "panel motion", "aria-labelledby": "motion-title" },
+    h("div", { class: "panel-head" }, h("h2", { id: "motion-title" }, "Target motion"), h("span", {}, "mm, against insertion depth")),
+    this.svg,
+  );
+  private readonly curves = new Curves();
+  private dirty = true;
+  private drawnAt = -Infinity;
+  private size = { width: 0, height: 0 };
+
+  constructor(private readonly session: Session) {
+    new ResizeObserver(([entry]) => {
+      this.size = { width: entry.contentRect.width, height: entry.contentRect.height };
+      this.dirty = true;
+    }).observe(this.svg);
+    session.drawn.on(({ header }) => {
+      this.curves.add(session.model, header);
+      this.dirty = true;
+    });
+    session.sceneReady.on(() => {
+      this.curves.clear();
+      this.dirty = true;
+    });
+    session.resetDone.on(() => this.curves.clear());
+  }
+
+  tick(now: number): void {
+    if (!this.dirty || now - this.drawnAt < EVERY || this.size.width < 1) return;
+    this.dirty = false;
+    this.drawnAt = now;
+    this.svg.replaceChildren(...this.draw());
+  }
+
+  private draw(): SVGElement[] {
+    const { frame, scene, model } = this.session;
+    const width = this.size.width - ROOM.left - ROOM.right;
+    const height = this.size.height - ROOM.top - ROOM.bottom;
+    const all = this.curves.models.map((id) => ({ id, points: this.curves.get(id) }));
+    const deepest = Math.max(0, ...all.flatMap(({ points }) => points.map(([depth]) => depth)));
+    const largest = Math.max(0, ...all.flatMap(({ points }) => points.map(([, moved]) => moved)));
+    const x = axisTop(deepest, 80, 4);
+    const y = axisTop(largest, 2, 2);
+    const px = (depth: number) => ROOM.left + (width * depth) / x.top;
+    const py = (moved: number) => ROOM.top + height * (1 - moved / y.top);
+    const line = (points: readonly (readonly [number, number])[]) =>
+      points.length < 2 ? "" : `M${points.map(([a, b]) => `${px(a).toFixed(1)} ${py(b).toFixed(1)}`).join("L")}`;
+    const out: SVGElement[] = [];
+    for (let value = 0; value <= y.top + 1e-9; value += y.step) {
+      out.push(s("path", { class: "grid-line", d: `M${px(0)} ${py(value).toFixed(1)}H${px(x.top)}` }));
+      out.push(s("text", { x: ROOM.left - 8, y: (py(value) + 4).toFixed(1), "text-anchor": "end" }, tidy(value)));
+    }
+    for (let value = 0; value <= x.top + 1e-9; value += x.step) {
+      out.push(s("text", { x: px(value).toFixed(1), y: this.size.height - 5, "text-anchor": value > 0 && value >= x.top ? "end" : "middle" }, tidy(value)));
+    }
+    const name = (id: string) => scene?.models.find((candidate) => candidate.id === id)?.name ?? id;
+    const taken: number[] = [];
+    const label = (id: string, points: readonly (readonly [number, number])[], className: string) => {
+      const [depth, moved] = points[points.length - 1];
+      let at = Math.min(ROOM.top + height - 4, Math.max(11, py(moved) - 8));
+      while (taken.some((other) => Math.abs(other - at) < 14) && at > 12) at -= 14;
+      taken.push(at);
+      const room = px(depth) + 70 < this.size.width;
+      out.push(s("text", { class: className, x: (px(depth) + (room ? 8 : -8)).toFixed(1), y: (at + (room ? 6 : 0)).toFixed(1), "text-anchor": room ? "start" : "end" }, name(id)));
+    };
+    const live = all.find(({ id }) => id === model);
+    if (live && live.points.length > 1) label(model, live.points, "live");
+    const others = all.filter(({ id, points }) => id !== model && points.length > 1);
+    others.forEach(({ id, points }, k) => {
+      out.push(s("path", { class: "other", d: line(points), "stroke-dasharray": DASHES[k % DASHES.length] }));
+      label(id, points, "other");
+    });
+    if (live) out.push(s("path", { class: "live", d: line(live.points) }));
+    const now = frame?.header.readouts;
+    if (now && now.moved !== null) out.push(s("circle", { class: "live", cx: px(now.depth).toFixed(1), cy: py(now.moved).toFixed(1), r: 4 }));
+    return out;
+  }
+}
+
+function tidy(value: number): string {
+  return String(Math.round(value * 1000) / 1000);
+}

@@ -1,0 +1,110 @@
+/** Touch: probe at the left thumb, needle at the right, image settings along the bottom. */
+
+import { AXES, type AxisId } from "../axes";
+import { IMAGE_AXES, type Desk } from "../desk";
+import { h } from "../dom";
+import { icon } from "../icons";
+import { draggable } from "../input/drag";
+import { commandButton, freezeButton, paceButton } from "./buttons";
+import { stepper } from "./stepper";
+
+/** px from the middle to full speed. */
+const LEVER_REACH = 74;
+const PAD_REACH = 42;
+/** Full speed of the lever, in rates: 20 mm/s. */
+const LEVER_SPEED = 2;
+const DOUBLE_TAP = 350;
+
+export function probeRail(desk: Desk): HTMLElement {
+  return h(
+    "aside",
+    { class: "rail-column probe", "aria-label": "Probe" },
+    h("h2", {}, "Probe"),
+    commandButton(desk, "recentre", "Recentre", "entry"),
+    h("div", { class: "space" }),
+    tall(desk, "fan", "Fan"),
+    tall(desk, "rotate", "Rotate"),
+    pad(desk),
+    h("p", { class: "hint" }, "Slide and sweep"),
+  );
+}
+
+export function needleRail(desk: Desk): HTMLElement {
+  return h(
+    "aside",
+    { class: "rail-column needle", "aria-label": "Needle" },
+    h("h2", {}, "Needle"),
+    h("div", { class: "pair" }, commandButton(desk, "undo", "Undo", "undo", "stacked"), commandButton(desk, "entry", "Entry", "entry", "stacked")),
+    tall(desk, "angle", "Angle"),
+    tall(desk, "swing", "Swing"),
+    h("div", { class: "space" }),
+    paceButton(desk),
+    lever(desk),
+  );
+}
+
+export function imageBar(desk: Desk): HTMLElement {
+  return h("footer", { class: "image-bar", "aria-label": "Image" }, ...IMAGE_AXES.map((id) => stepper(desk, id)), freezeButton(desk, ""));
+}
+
+/** A stepper with its name and value above two large buttons. */
+function tall(desk: Desk, id: AxisId, name: string): HTMLElement {
+  const element = stepper(desk, id, name);
+  element.classList.add("tall");
+  return element;
+}
+
+/** Sprung: the distance from the middle is the speed, letting go stops. */
+function lever(desk: Desk): HTMLElement {
+  const knob = h("div", { class: "knob", role: "slider", tabindex: 0, "aria-label": "Push or pull the needle", "aria-valuemin": -20, "aria-valuemax": 20, "aria-valuenow": 0, "aria-orientation": "vertical" }, icon("grip", 28));
+  const pull = h("button", { type: "button", class: "end pull" }, "Pull", icon("up", 20));
+  const push = h("button", { type: "button", class: "end push" }, icon("down", 20), "Push");
+  const set = (share: number) => {
+    knob.style.transform = share ? `translateY(${(share * LEVER_REACH).toFixed(1)}px)` : "";
+    knob.setAttribute("aria-valuenow", (share * LEVER_SPEED * AXES.push.rate).toFixed(0));
+    desk.drive("lever", "push", share * LEVER_SPEED);
+  };
+  draggable(knob, () => ({
+    move: (_dx, dy) => set(Math.max(-1, Math.min(1, dy / LEVER_REACH))),
+    end: () => set(0),
+  }));
+  knob.addEventListener("keydown", (event) => {
+    const sign = { ArrowDown: 1, ArrowUp: -1 }[event.code];
+    if (!sign || event.repeat) return;
+    event.preventDefault();
+    desk.press(event.code, "push", sign);
+  });
+  let tapped = -Infinity;
+  pull.addEventListener("click", () => {
+    const now = performance.now();
+    if (now - tapped < DOUBLE_TAP) desk.run("skin");
+    else desk.session.nudge("push", -AXES.push.step);
+    tapped = now;
+  });
+  push.addEventListener("click", () => desk.session.nudge("push", AXES.push.step));
+  return h("div", { class: "lever" }, pull, h("div", { class: "slot" }, knob), push);
+}
+
+/** The left thumb's pad: across slides, up and down sweeps. */
+function pad(desk: Desk): HTMLElement {
+  const knob = h("div", { class: "knob" }, icon("plus", 34));
+  const set = (x: number, y: number) => {
+    knob.style.transform = x || y ? `translate(${(x * PAD_REACH).toFixed(1)}px, ${(y * PAD_REACH).toFixed(1)}px)` : "";
+    desk.drive("pad-x", "slide", x);
+    desk.drive("pad-y", "sweep", y);
+  };
+  const arrows = (["up", "down", "left", "right"] as const).map((side) => {
+    const [axis, sign] = { up: ["sweep", -1], down: ["sweep", 1], left: ["slide", -1], right: ["slide", 1] }[side] as [AxisId, 1 | -1];
+    return h("button", { type: "button", class: `arrow ${side}`, "aria-label": sign < 0 ? AXES[axis].down : AXES[axis].up, onclick: () => desk.session.nudge(axis, sign * AXES[axis].step) });
+  });
+  const root = h("div", { class: "pad" }, ...arrows, knob);
+  draggable(knob, () => ({
+    move: (dx, dy) => {
+      const far = Math.hypot(dx, dy);
+      const k = far > PAD_REACH ? 1 / far : 1 / PAD_REACH;
+      set(dx * k, dy * k);
+    },
+    end: () => set(0, 0),
+  }));
+  return root;
+}

@@ -1,0 +1,136 @@
+/** The four numbers: text at most ten times a second, the unrounded values in `data-value`. */
+
+import { Caution } from "../caution";
+import { h, toggle, write } from "../dom";
+import { icon } from "../icons";
+import { signless } from "../axes";
+import type { FrameHeader, Readouts as Values, Scene } from "../protocol";
+import type { Session } from "../session";
+
+const EVERY = 100;
+/** Share of the needle that may be in before its end is near. */
+const NEEDLE_END = 0.95;
+
+export const inPlane = (values: Values): boolean => Math.abs(values.out_of_plane) <= values.half_slice;
+export const onTarget = (values: Values, scene: Scene): boolean =>
+  values.tip_to_target !== null && values.tip_to_target <= scene.tolerance_mm;
+
+interface Row { root: HTMLElement; number: HTMLOutputElement; unit: HTMLElement; note: HTMLElement }
+
+export class ReadoutsPart {
+  private readonly ring = h("span", { class: "ring", "aria-hidden": "true" });
+  private readonly bar = h("span", { class: "mark" });
+  private readonly slice = h("span", { class: "slice" });
+  private readonly rows = {
+    tip: row("tip-to-target", "Tip to target", this.ring),
+    depth: row("depth", "Insertion depth"),
+    moved: row("moved", "Target moved"),
+    plane: row("out-of-plane", "Tip out of plane"),
+  };
+  readonly element = h(
+    "section",
+    { class: "readouts", "aria-label": "Read-outs" },
+    ...Object.values(this.rows).map(({ root }) => root),
+  );
+  private readonly cautions = { depth: new Caution(1), plane: new Caution(1), folds: new Caution(0.5) };
+  private writtenAt = -Infinity;
+  private written = -1;
+
+  constructor(private readonly session: Session) {
+    this.rows.plane.note.before(h("span", { class: "plane-bar", "aria-hidden": "true" }, this.slice, this.bar));
+    session.statusChanged.on((status) => {
+      if (status === "lost" || status === "loading") this.blank();
+      else this.written = -1;
+    });
+  }
+
+  /** Once an animation frame. */
+  tick(now: number): void {
+    const { frame, scene, status } = this.session;
+    if (!frame || !scene || (status !== "live" && status !== "frozen") || now - this.writtenAt < EVERY) return;
+    const amber = this.judge(frame.header, scene, now);
+    if (frame.header.frame === this.written && !amber) return;
+    this.writtenAt = now;
+    this.written = frame.header.frame;
+    this.show(frame.header, scene);
+  }
+
+  private judge({ readouts }: FrameHeader, scene: Scene, now: number): boolean {
+    const { depth, plane, folds } = this.cautions;
+    const before = [depth.on, plane.on, folds.on];
+    depth.update(readouts.depth / scene.needle.length_mm / NEEDLE_END, now);
+    plane.update(Math.abs(readouts.out_of_plane) / Math.max(readouts.half_slice, 1e-6), now);
+    folds.update(Number(readouts.folds), now);
+    return [depth.on, plane.on, folds.on].some((on, k) => on !== before[k]);
+  }
+
+  private show(header: FrameHeader, scene: Scene): void {
+    const { tip, depth, moved, plane } = this.rows;
+    const values = header.readouts;
+    const reached = onTarget(values, scene);
+    number(tip, values.tip_to_target, false);
+    write(tip.note, reached ? "On target" : `on target below ${scene.tolerance_mm.toFixed(1)} mm`);
+    toggle(tip.root, "reached", reached);
+    number(depth, values.depth, false);
+    write(depth.note, header.blocked === "end of needle" ? "End of needle" : `of ${scene.needle.length_mm.toFixed(0)} mm`);
+    toggle(depth.root, "caution", this.cautions.depth.on);
+    number(moved, values.moved, false);
+    write(moved.note, this.cautions.folds.on ? "the tissue folds" : parts(values.moved_parts));
+    toggle(moved.root, "caution", this.cautions.folds.on);
+    number(plane, values.out_of_plane, true);
+    const out = this.cautions.plane.on;
+    write(plane.note, !out ? (inPlane(values) ? "in plane" : "") : values.out_of_plane > 0 ? "sweep towards you" : "sweep away");
+    toggle(plane.root, "caution", out);
+    this.drawBar(values);
+  }
+
+  /** The slice in the middle of a bar that spans six of its halves. */
+  private drawBar({ out_of_plane, half_slice }: Values): void {
+    const span = 6 * half_slice;
+    const place = Math.min(1, Math.max(-1, out_of_plane / span));
+    this.bar.style.left = `${(50 + 50 * place).toFixed(2)}%`;
+    this.slice.style.left = `${50 - 50 / 6}%`;
+    this.slice.style.width = `${100 / 6}%`;
+  }
+
+  private blank(): void {
+    for (const { root, number, note } of Object.values(this.rows)) {
+      write(number, "–");
+      number.removeAttribute("data-value");
+      write(note, "");
+      root.classList.remove("caution", "reached");
+    }
+    for (const caution of Object.values(this.cautions)) caution.clear();
+  }
+}
+
+function row(id: string, label: string, before: HTMLElement | null = null): Row {
+  const number = h("output", { class: "number", id: `read-${id}`, "aria-labelledby": `label-${id}`, "aria-live": "off" }, "–");
+  const unit = h("span", { class: "unit" }, "mm");
+  const note = h("span", { class: "note" });
+  const name = h("h2", { class: "label", id: `label-${id}` }, before, label);
+  const root = h("div", { class: `readout ${id}` }, name, h("p", { class: "value" }, number, unit), h("p", { class: "below" }, icon("warning", 12), note));
+  return { root, number, unit, note };
+}
+
+function number({ number: output }: Row, value: number | null, signed: boolean): void {
+  if (value === null) {
+    write(output, "–");
+    output.removeAttribute("data-value");
+    return;
+  }
+  const text = signless(value.toFixed(1));
+  write(output, signed && value > 0 && text !== "0.0" ? `+${text}` : text);
+  output.dataset.value = value.toFixed(3);
+}
+
+const WORDS = [["left", "right"], ["shallower", "deeper"], ["away", "towards you"]] as const;
+
+/** The two largest parts of a displacement in words. */
+export function parts(moved: readonly number[] | null): string {
+  if (!moved) return "";
+  const named = moved.map((size, k) => ({ size: Math.abs(size), word: WORDS[k][size > 0 ? 1 : 0], place: k }));
+  const largest = [...named].sort((a, b) => b.size - a.size).slice(0, 2);
+  const kept = largest.filter(({ size }) => size >= 0.05).sort((a, b) => a.place - b.place);
+  return kept.length ? kept.map(({ size, word }) => `${size.toFixed(1)} ${word}`).join(", ") : "at rest";
+}

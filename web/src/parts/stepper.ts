@@ -1,0 +1,73 @@
+/** Minus, value, plus; the value can be typed. */
+
+import { axis, AXES, limits, show, type AxisId } from "../axes";
+import type { Desk } from "../desk";
+import { h, toggle } from "../dom";
+import { icon, type IconName } from "../icons";
+import { holdable } from "../input/hold";
+import { keyOf } from "../keys";
+
+/** Which pictures stand on the two buttons. */
+const PICTURES: Partial<Record<AxisId, readonly [IconName, IconName]>> = {
+  slide: ["left", "right"], sweep: ["up", "down"], rotate: ["anticlockwise", "clockwise"], fan: ["anticlockwise", "clockwise"],
+  angle: ["anticlockwise", "clockwise"], swing: ["left", "right"],
+};
+
+export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string): HTMLElement {
+  const { session } = desk;
+  const spec = axis(id);
+  const pictures = PICTURES[id] ?? ["minus", "plus"];
+  const unit = spec.unit === "°" ? "°" : ` ${spec.unit}`;
+  const buttons = ([-1, 1] as const).map((sign) => {
+    const label = sign < 0 ? spec.down : spec.up;
+    const button = h("button", { type: "button", "aria-label": label, "data-hint": label, "data-key": keyOf({ axis: id, sign }) }, icon(pictures[(sign + 1) / 2]));
+    holdable(button, desk, id, sign);
+    return button;
+  });
+  const input = h("input", {
+    type: "text", inputmode: "decimal", role: "spinbutton", "aria-label": spec.name, autocomplete: "off", spellcheck: "false",
+    "data-axis": id,
+  });
+  const root = h("div", { class: `stepper ${id}` }, buttons[0], h("label", { class: "middle" }, h("span", { class: "name" }, name), input), buttons[1]);
+
+  const refresh = () => {
+    if (!session.wish || !session.scene) return;
+    const value = session.value(id);
+    const [low, high] = limits(session.scene.limits, id);
+    const text = `${show(id, value)}${unit}`;
+    if (document.activeElement !== input && input.value !== text) input.value = text;
+    input.setAttribute("aria-valuenow", String(value / spec.shown));
+    input.setAttribute("aria-valuemin", String(low / spec.shown));
+    input.setAttribute("aria-valuemax", String(high / spec.shown));
+    input.setAttribute("aria-valuetext", text.replace("°", " degrees"));
+    input.dataset.value = value.toFixed(3);
+    const held = !session.answers;
+    toggle(root, "held", held);
+    input.disabled = held;
+    // at its limit a button dims, but keeps the focus: it would be lost in the middle of a press
+    buttons.forEach((button, k) => button.setAttribute("aria-disabled", String(held || value === (k ? high : low))));
+  };
+  const take = () => {
+    const typed = Number.parseFloat(input.value.replace("\u2212", "-").replace(",", "."));
+    if (Number.isFinite(typed)) session.setAxis(id, typed * spec.shown);
+    input.value = `${show(id, session.value(id))}${unit}`;
+  };
+  input.addEventListener("focus", () => input.select());
+  input.addEventListener("blur", refresh);
+  input.addEventListener("change", take);
+  input.addEventListener("keydown", (event) => {
+    const sign = { ArrowUp: 1, ArrowDown: -1 }[event.code];
+    if (sign) session.nudge(id, sign * spec.step);
+    if (event.code === "Escape") input.value = `${show(id, session.value(id))}${unit}`;
+    if (sign) input.value = `${show(id, session.value(id))}${unit}`;
+    if (sign || event.code === "Enter" || event.code === "Escape") event.preventDefault();
+    if (event.code === "Enter") {
+      take();
+      input.select();
+    }
+  });
+  session.wished.on(refresh);
+  session.sceneReady.on(refresh);
+  session.statusChanged.on(refresh);
+  return root;
+}

@@ -1,0 +1,288 @@
+/** One person at one simulator: the scene, the wish of the hand, and the frames that answer it. */
+
+import { put, read, type AxisId } from "./axes";
+import { Connection, type Loss } from "./connection";
+import { Meter } from "./latency";
+import type { Frame, Geometry, Hello, Loading, Notice, Refused, Scene, ServerText, State } from "./protocol";
+import { Signal } from "./signal";
+import { adopt, same } from "./wish";
+
+export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
+
+/** ms without a sign of life before the image counts as lost, and before the socket is given up. */
+const SILENT = 3000;
+const DEAD = 10000;
+/** At most this many ms apart: the server takes 240 messages a second. */
+const PACE = 8;
+/** How long a reset can be taken back, ms. */
+export const RESTORE = 8000;
+
+export class Session {
+  hello: Hello | null = null;
+  scene: Scene | null = null;
+  model = "";
+  target = "";
+  wish: State | null = null;
+  /** The last frame drawn. */
+  frame: Frame | null = null;
+  status: Status = "connecting";
+  loss: Loss | null = null;
+  lastDrawnAt = 0;
+  readonly meter = new Meter();
+
+  readonly greeted = new Signal<Hello>();
+  readonly loading = new Signal<Loading>();
+  readonly sceneReady = new Signal<Scene>();
+  readonly geometry = new Signal<Geometry>();
+  readonly drawn = new Signal<Frame>();
+  readonly wished = new Signal<State>();
+  readonly modelChanged = new Signal<string>();
+  readonly targetChanged = new Signal<string>();
+  readonly statusChanged = new Signal<Status>();
+  readonly refused = new Signal<Refused>();
+  readonly noticed = new Signal<Notice>();
+  readonly resetDone = new Signal<void>();
+
+  private pending: Frame[] = [];
+  private seq = 0;
+  private sent = new Map<number, State>();
+  private lastSent: State | null = null;
+  private lastSentAt = -Infinity;
+  private lastHeard = 0;
+  private wantsGrid = false;
+
+  constructor(private readonly link: Connection) {
+    link.opened.on(() => this.restart());
+    link.text.on((message) => this.hear(message));
+    link.binary.on((message) => {
+      this.lastHeard = performance.now();
+      if (message.kind === "frame") this.pending.push(message.frame);
+      else this.geometry.emit(message.geometry);
+    });
+    link.lost.on((loss) => this.lose(loss));
+    link.broken.on((message) => this.noticed.emit({ type: "notice", level: "fault", message }));
+  }
+
+  /** Whether hands move anything: not while frozen, loading or lost. */
+  get answers(): boolean {
+    return this.status === "live" && this.wish !== null;
+  }
+
+  value(id: AxisId): number {
+    return this.wish ? read(this.wish, id) : 0;
+  }
+
+  nudge(id: AxisId, by: number): void {
+    if (this.wish) this.setAxis(id, read(this.wish, id) + by);
+  }
+
+  setAxis(id: AxisId, value: number): void {
+    if (!this.answers || !this.wish || !this.scene || !Number.isFinite(value)) return;
+    // while the needle is in, its entry is where it went in
+    if ((id === "along" || id === "across") && this.wish.needle.depth > 0) return;
+    this.want(put(this.wish, id, value, this.scene.limits));
+  }
+
+  /** Probe back to where the scene put it. */
+  recentre(): void {
+    if (this.answers && this.wish && this.scene) this.want({ ...this.wish, probe: this.scene.state.probe });
+  }
+
+  toggleFreeze(): void {
+    if (!this.wish || !(this.status === "live" || this.status === "frozen")) return;
+    this.want({ ...this.wish, frozen: !this.wish.frozen });
+    this.setStatus(this.wish.frozen ? "frozen" : "live");
+    this.lastHeard = performance.now();
+  }
+
+  chooseModel(id: string): void {
+    if (this.scene?.models.some((model) => model.id === id && model.available)) this.link.send({ type: "model", model: id });
+  }
+
+  chooseTarget(id: string): void {
+    this.link.send({ type: "target", id });
+  }
+
+  chooseScene(id: string): void {
+    this.link.send({ type: "scene", id });
+  }
+
+  openScene(name: string, text: string): void {
+    this.link.send({ type: "open_scene", name, text });
+  }
+
+  undoPass(): void {
+    if (this.answers) this.link.send({ type: "undo_pass" });
+  }
+
+  reset(): void {
+    if (this.status === "frozen") this.toggleFreeze();
+    if (this.link.send({ type: "reset" })) this.resetDone.emit();
+  }
+
+  restore(): void {
+    this.link.send({ type: "restore" });
+  }
+
+  setGrid(wanted: boolean): void {
+    this.wantsGrid = wanted;
+    this.link.send({ type: "view", grid: wanted });
+  }
+
+  connectNow(): void {
+    this.link.open();
+  }
+
+  /** Send the wish if it changed; called after every touch and in every animation frame. */
+  flush(now: number): void {
+    if (!this.wish || !this.link.isOpen || !this.scene || now - this.lastSentAt < PACE) return;
+    if (this.lastSent && same(this.lastSent, this.wish)) return;
+    this.seq += 1;
+    this.link.send({ type: "state", seq: this.seq, ...this.wish });
+    this.lastSent = this.wish;
+    this.lastSentAt = now;
+    this.sent.set(this.seq, this.wish);
+    this.meter.poseSent(this.seq, now);
+  }
+
+  /** Draw the newest frame that came; every frame that came is acknowledged, in order. */
+  draw(now: number): void {
+    const arrived = this.pending;
+    const newest = arrived.at(-1);
+    if (newest) {
+      this.pending = [];
+      // positions come only when they change: those of a frame that is skipped still count
+      const moved = arrived.findLast((frame) => frame.positions !== null);
+      if (moved && newest !== moved) {
+        newest.positions = moved.positions;
+        newest.header.mesh = moved.header.mesh;
+        newest.header.grid = moved.header.grid;
+      }
+      this.take(newest, now);
+      for (const frame of arrived) this.link.send({ type: "drawn", frame: frame.header.frame });
+    }
+    this.watch(now);
+  }
+
+  private take(frame: Frame, now: number): void {
+    const { header } = frame;
+    this.frame = frame;
+    this.lastDrawnAt = now;
+    this.reconcile(header.seq, header.state);
+    this.setStatus(this.wish?.frozen ? "frozen" : "live");
+    this.drawn.emit(frame);
+    this.meter.frameDrawn(header.seq, performance.now());
+    this.link.settle();
+  }
+
+  private reconcile(seq: number, force: State): void {
+    const sent = this.sent.get(seq);
+    for (const old of this.sent.keys()) if (old < seq) this.sent.delete(old);
+    if (!this.wish || !sent) return;
+    const next = adopt(this.wish, sent, force);
+    // what is in force is what this number stands for from now on
+    this.sent.set(seq, force);
+    if (same(next, this.wish)) return;
+    if (seq === this.seq && same(next, force)) this.lastSent = next;
+    this.wish = next;
+    this.wished.emit(next);
+  }
+
+  private want(next: State): void {
+    if (this.wish && same(this.wish, next)) return;
+    this.wish = next;
+    this.wished.emit(next);
+    this.flush(performance.now());
+  }
+
+  private hear(message: ServerText): void {
+    this.lastHeard = performance.now();
+    switch (message.type) {
+      case "hello":
+        this.hello = message;
+        return this.greeted.emit(message);
+      case "loading":
+        this.setStatus("loading");
+        return this.loading.emit(message);
+      case "scene":
+        return this.begin(message);
+      case "model":
+        this.model = message.model;
+        return this.modelChanged.emit(message.model);
+      case "target":
+        this.target = message.id;
+        return this.targetChanged.emit(message.id);
+      case "refused":
+        return this.refuse(message);
+      case "notice":
+        return this.noticed.emit(message);
+    }
+  }
+
+  private begin(scene: Scene): void {
+    const again = this.scene?.id === scene.id ? this.wish : null;
+    const model = this.model;
+    this.scene = scene;
+    this.model = scene.model;
+    this.target = scene.target;
+    this.frame = null;
+    this.pending = [];
+    this.wish = this.kept && again ? { ...again, frozen: false } : scene.state;
+    this.lastSent = scene.state;
+    this.sent.clear();
+    this.sent.set(this.seq, scene.state);
+    this.sceneReady.emit(scene);
+    this.wished.emit(this.wish);
+    if (this.kept && again && model !== scene.model) this.chooseModel(model);
+    if (this.wantsGrid) this.setGrid(true);
+    this.kept = false;
+    this.flush(performance.now());
+  }
+
+  /** After a lost connection the same scene goes on where the hand was. */
+  private kept = false;
+
+  private restart(): void {
+    this.kept = this.wish !== null;
+    this.seq = 0;
+    this.lastSentAt = -Infinity;
+    this.sent.clear();
+    this.meter.clear();
+    this.pending = [];
+    this.lastHeard = performance.now();
+  }
+
+  private refuse(message: Refused): void {
+    if (message.what === "state" && this.wish && this.frame) {
+      this.wish = this.frame.header.state;
+      this.lastSent = this.wish;
+      this.wished.emit(this.wish);
+    }
+    if (message.what === "scene" && this.status === "loading") this.setStatus(this.frame ? "live" : "connecting");
+    this.refused.emit(message);
+  }
+
+  private lose(loss: Loss): void {
+    this.loss = loss;
+    this.setStatus("lost", true);
+  }
+
+  private watch(now: number): void {
+    if (document.hidden || this.status !== "live") {
+      if (document.hidden) this.lastHeard = now;
+      if (this.status !== "lost" || !this.link.isOpen) return;
+    }
+    if (now - this.lastHeard > DEAD) this.link.abandon("no answer");
+    else if (now - this.lastHeard > SILENT && this.status === "live") {
+      this.loss = { attempt: 0, nextAt: this.lastHeard + DEAD, reason: "no answer" };
+      this.setStatus("lost");
+    }
+  }
+
+  private setStatus(status: Status, again = false): void {
+    if (status === this.status && !again) return;
+    this.status = status;
+    this.statusChanged.emit(status);
+  }
+}
+
