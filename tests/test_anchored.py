@@ -52,6 +52,33 @@ def test_a_factor_grown_in_chunks_solves_as_numpy_does(chunks, first):
         assert np.allclose(x @ matrix[:n, :n], right, atol=1e-10)
 
 
+@given(
+    size=st.integers(1, 60),
+    changed=st.integers(0, 60),
+    first=st.integers(0, 20),
+    kept=st.integers(0, 60),
+    shown=st.integers(1, 60),
+)
+def test_what_was_solved_before_leaves_no_trace(size, changed, first, kept, shown):
+    """A solve that takes up the forward half of the last one gives the bits of one that does not."""
+    matrix, random = positive_definite(60), np.random.default_rng(1)
+    before, after = random.standard_normal((2, 3, 60))
+    before[:, : min(first, size)] = after[:, : min(first, size)] = 0
+    after[:, :changed] = before[:, :changed]
+    for backend in filter(None, (_core.native, _core.twin)):
+        used, fresh = backend.CholeskyFactor(), backend.CholeskyFactor()
+        for factor in (used, fresh):
+            factor.append(matrix[:size, :size].copy(), 1e-14)
+        used.solve(before[:, :size].copy(), min(first, size))
+        for factor in (used, fresh):
+            factor.truncate(min(kept, size))
+            factor.append(np.ascontiguousarray(matrix[factor.size : size, :size]), 1e-14)
+        one, other = (after[:, : min(shown, size)].copy() for _ in range(2))
+        start = min(first, one.shape[1])
+        used.solve(one, start), fresh.solve(other, start)
+        assert np.array_equal(one, other)
+
+
 @pytest.mark.parametrize("isa", _core.native.instruction_sets() if _core.native else [])
 def test_every_instruction_set_factors_alike(isa):
     used = _core.native.instruction_set()

@@ -15,7 +15,7 @@ bool append(sono::CholeskyFactor &factor, Matrix rows, double smallest_pivot) {
     return factor.append(rows.data(), rows.shape(0), smallest_pivot);
 }
 
-void solve(const sono::CholeskyFactor &factor, Columns x, std::size_t first) {
+void solve(sono::CholeskyFactor &factor, Columns x, std::size_t first) {
     if (x.shape(1) > factor.size()) throw nb::value_error("x must be (3, size or less)");
     nb::gil_scoped_release release;
     factor.solve(x.data(), x.shape(1), first);

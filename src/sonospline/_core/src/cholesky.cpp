@@ -81,11 +81,36 @@ bool CholeskyFactor::factor_corner(std::size_t from, std::size_t columns, double
     return true;
 }
 
-void CholeskyFactor::truncate(std::size_t size) { size_ = std::min(size, size_); }
+void CholeskyFactor::truncate(std::size_t size) {
+    size_ = std::min(size, size_);
+    known_ = std::min(known_, size_);
+}
 
-void CholeskyFactor::solve(double *x, std::size_t n, std::size_t first) const {
+// Rows from the start on, whole groups of them, where b is what it was.
+std::size_t CholeskyFactor::unchanged(const double *b, std::size_t n, std::size_t first) const {
+    std::size_t same = std::min(known_, n);
+    if (first != first_ || same <= first) return first;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const double *const old = right_[a].data(), *const now = b + a * n;
+        same = static_cast<std::size_t>(std::mismatch(old + first, old + same, now + first).first - old);
+    }
+    return first + (same - first) / kForwardRows * kForwardRows;
+}
+
+void CholeskyFactor::solve(double *x, std::size_t n, std::size_t first) {
+    const std::lock_guard<std::mutex> lock(solving_);
     const CholeskyKernels &inner = *kernels().cholesky;
-    inner.forward(data_.data(), x, first, n, stride_);
+    const std::size_t begin = unchanged(x, n, first);
+    for (std::size_t a = 0; a < 3; ++a) {
+        right_[a].assign(x + a * n, x + (a + 1) * n);
+        half_[a].resize(n);
+        std::copy(half_[a].begin() + static_cast<std::ptrdiff_t>(first),
+                  half_[a].begin() + static_cast<std::ptrdiff_t>(begin), x + a * n + first);
+    }
+    inner.forward(data_.data(), x, first, begin, n, stride_);
+    for (std::size_t a = 0; a < 3; ++a)
+        std::copy(x + a * n + begin, x + (a + 1) * n, half_[a].begin() + static_cast<std::ptrdiff_t>(begin));
+    known_ = n, first_ = first;
     inner.backward(data_.data(), x, n, stride_);
 }
 

@@ -157,11 +157,15 @@ void forward_rows(const double *factor, double *x, std::size_t first, std::size_
         }
 }
 
-void forward(const double *factor, double *x, std::size_t first, std::size_t n, std::size_t stride) {
-    constexpr int R = kUnroll;
-    std::size_t i = first;
-    for (; i + R <= n; i += R) forward_rows<R>(factor, x, first, i, n, stride);
-    for (; i < n; ++i) forward_rows<1>(factor, x, first, i, n, stride);
+void forward(const double *factor, double *x, std::size_t first, std::size_t begin, std::size_t n,
+             std::size_t stride) {
+    std::size_t i = begin;
+    for (; i + kForwardRows <= n; i += kForwardRows) forward_rows<kForwardRows>(factor, x, first, i, n, stride);
+    switch (n - i) {
+        case 3: return forward_rows<3>(factor, x, first, i, n, stride);
+        case 2: return forward_rows<2>(factor, x, first, i, n, stride);
+        case 1: return forward_rows<1>(factor, x, first, i, n, stride);
+    }
 }
 
 }  // namespace
