@@ -42,7 +42,7 @@ export class Desk {
       if (wish.needle.depth > 0) this.flip("placing", false);
     });
     session.drawn.on(({ header }) => {
-      if (header.blocked) this.motion.stopAxis("push", 1);
+      if (header.blocked && header.blocked !== "needle inside") this.motion.stopAxis("push", 1);
     });
   }
 

@@ -39,7 +39,7 @@ export const KEYS: ReadonlyMap<string, Binding> = new Map([
   ...pair("angle", "ArrowLeft", "ArrowRight"),
   ...pair("swing", "Comma", "Period"),
   ...pair("slide", "KeyA", "KeyD"),
-  ...pair("sweep", "KeyW", "KeyS"),
+  ...pair("sweep", "KeyS", "KeyW"),
   ...pair("rotate", "KeyQ", "KeyE"),
   ...pair("fan", "KeyZ", "KeyX"),
   ...pair("depth", "BracketLeft", "BracketRight"),

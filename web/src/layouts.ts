@@ -1,6 +1,6 @@
 /** Which of the three layouts a window gets, and the room around the image in each. */
 
-import type { Margins } from "./image/fit";
+import type { Keep, Margins } from "./image/fit";
 import type { ProbeInfo } from "./protocol";
 
 export type Layout = "desktop" | "compact" | "tablet";
@@ -22,7 +22,15 @@ export function margins(layout: Layout, kind: ProbeInfo["kind"]): Margins {
   return { ...MARGINS[layout], left: 190, right: layout === "compact" ? 160 : 236 };
 }
 
-/** px from the right that the image leaves free where it can: the read-outs in the black corner. */
-export const KEEP_RIGHT: Record<Layout, number> = { desktop: 190, compact: 0, tablet: 0 };
+/** px of the read-outs in the black corner. */
+const READOUTS: Record<Layout, number> = { desktop: 190, compact: 0, tablet: 0 };
+const BEHIND_SCALE = 48;
+
+/** The read-outs stand on the side where the needle does not come in. */
+export function keep(layout: Layout, needleRight: boolean): Keep {
+  const room = READOUTS[layout];
+  if (needleRight && layout === "tablet") return { left: Infinity, right: 0 };
+  return needleRight && room > 0 ? { left: room + BEHIND_SCALE, right: 0 } : { left: 0, right: room };
+}
 
 export const RULER_X: Record<Layout, number> = { desktop: 40, compact: 38, tablet: 40 };

@@ -13,7 +13,7 @@ import { dock, shorten } from "./parts/dock";
 import { Header } from "./parts/header";
 import { helpDialog } from "./parts/help";
 import { hints } from "./parts/hints";
-import { ImagePane } from "./parts/imagePane";
+import { ImagePane, needleRight } from "./parts/imagePane";
 import { LostPanel } from "./parts/lost";
 import { NoticePart } from "./parts/notice";
 import { PassPanel } from "./parts/pass";
@@ -21,7 +21,7 @@ import { MotionPlot } from "./parts/plot";
 import { imageBar, needleRail, probeRail } from "./parts/rails";
 import { ReadoutsPart } from "./parts/readouts";
 import { RefusalSheet } from "./parts/refusal";
-import { ViewPane } from "./parts/viewPane";
+import { tapped, ViewPane } from "./parts/viewPane";
 import { Session } from "./session";
 import "./styles/tokens.css";
 import "./styles/controls.css";
@@ -85,6 +85,7 @@ const dress = () => {
 };
 desk.switched.on(dress);
 dress();
+session.sceneReady.on((scene) => document.body.classList.toggle("needle-right", needleRight(scene)));
 session.statusChanged.on((status) => (document.body.dataset.status = status));
 document.body.dataset.status = session.status;
 
@@ -93,6 +94,10 @@ returnFocus(image.element);
 handleInput(image, desk);
 scaleInput(image, desk);
 image.element.focus();
+
+tapped(image.element, () => {
+  if (layout === "tablet") desk.flip("swapped", false);
+});
 
 const parts = [image, readouts, header, notice, lost, view, plot, pass, announcer];
 let before = performance.now();

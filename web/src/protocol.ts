@@ -32,6 +32,10 @@ export interface ProbeInfo {
   aperture_mm: number;
   field_of_view_deg: number;
 }
+/**
+ * `out` = right x depth. With right to the right and depth downwards it points into the screen: away from who looks at
+ * the image, as the image's own z does.
+ */
 export interface SceneFrame { right: Vec; depth: Vec; out: Vec; skin_origin: Vec }
 
 export interface Hello {

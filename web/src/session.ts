@@ -202,7 +202,8 @@ export class Session {
         this.hello = message;
         return this.greeted.emit(message);
       case "loading":
-        this.setStatus("loading");
+        // the scene before goes on until the next one is ready
+        if (!this.frame) this.setStatus("loading");
         return this.loading.emit(message);
       case "scene":
         return this.begin(message);
@@ -230,7 +231,7 @@ export class Session {
     this.wish = this.kept && again ? { ...again, frozen: false } : scene.state;
     this.lastSent = scene.state;
     this.sent.clear();
-    this.sent.set(this.seq, scene.state);
+    this.sent.set(0, scene.state);
     this.sceneReady.emit(scene);
     this.wished.emit(this.wish);
     if (this.kept && again && model !== scene.model) this.chooseModel(model);

@@ -20,6 +20,13 @@ export function toFrame(m: Vec, p: Vec): number[] {
   return [0, 1, 2].map((column) => m[column] * d[0] + m[4 + column] * d[1] + m[8 + column] * d[2]);
 }
 
+/** A direction of the frame in the world. */
+export function turnToWorld(m: Vec, v: Vec): number[] {
+  return [0, 4, 8].map((row) => m[row] * v[0] + m[row + 1] * v[1] + m[row + 2] * v[2]);
+}
+
+export const cross = (a: Vec, b: Vec): number[] => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+
 /** A world direction in the frame. */
 export function turnToFrame(m: Vec, v: Vec): number[] {
   return [0, 1, 2].map((column) => m[column] * v[0] + m[4 + column] * v[1] + m[8 + column] * v[2]);

@@ -1,5 +1,6 @@
 /** Where the image lies in its pane, and from image mm to pane pixels and back. */
 
+import { clamp } from "../vec";
 import type { Point } from "./sector";
 
 export interface Margins { left: number; top: number; right: number; bottom: number }
@@ -9,8 +10,11 @@ export interface Pane { width: number; height: number }
 /** Columns and rows of pixels with their size in mm; the origin of the image frame is the centre of pixel (0, 0). */
 export interface Raster { columns: number; rows: number; pixel: readonly [number, number] }
 
-/** The largest box of the image's aspect within the margins; in the middle, but never under `keepRight` if avoidable. */
-export function fit(pane: Pane, raster: Raster, margins: Margins, keepRight = 0): Box {
+/** px at the sides that the image leaves free where it can: the texts in the black corners. */
+export interface Keep { left: number; right: number }
+
+/** The largest box of the image's aspect within the margins; in the middle, but beside what is kept free if it can be. */
+export function fit(pane: Pane, raster: Raster, margins: Margins, keep: Keep = { left: 0, right: 0 }): Box {
   const wide = raster.columns * raster.pixel[0];
   const high = raster.rows * raster.pixel[1];
   const room = {
@@ -20,8 +24,8 @@ export function fit(pane: Pane, raster: Raster, margins: Margins, keepRight = 0)
   const scale = Math.min(room.width / wide, room.height / high);
   const [width, height] = [wide * scale, high * scale];
   const middle = (pane.width - width) / 2;
-  const clear = pane.width - Math.max(keepRight, margins.right) - width;
-  const left = Math.max(margins.left, Math.min(middle, clear));
+  const [first, last] = [margins.left, Math.max(margins.left, pane.width - margins.right - width)];
+  const left = clamp(Math.max(keep.left, Math.min(middle, pane.width - keep.right - width)), first, last);
   return { left, top: margins.top, width, height };
 }
 
@@ -32,6 +36,7 @@ export class Mapping {
   constructor(
     readonly box: Box,
     readonly raster: Raster,
+    readonly pane: Pane,
   ) {
     this.scale = box.width / (raster.columns * raster.pixel[0]);
   }

@@ -2,6 +2,7 @@
 
 import type { FrameHeader, NeedlePose, SceneFrame } from "../protocol";
 import { add, dot, needleDirection, norm, scale, sub, toFrame, turnToFrame, type Vec } from "../vec";
+import type { Pane } from "./fit";
 import type { Point } from "./sector";
 
 export interface NeedleInImage {
@@ -52,6 +53,14 @@ export function inside(polygon: readonly Point[], [x, y]: Point): boolean {
     if (yi > y !== yj > y && x < ((xj - xi) * (y - yi)) / (yj - yi) + xi) odd = !odd;
   }
   return odd;
+}
+
+/** How far along a ray a point must go to be in the pane, `inset` from its edges; 0 where it is, or never comes. */
+export function intoSight(from: Point, along: Point, pane: Pane, inset: number): number {
+  const [width, height] = [pane.width - inset, pane.height - inset];
+  const toGo = (x: number, v: number, low: number, high: number) => (x < low ? (low - x) / v : x > high ? (high - x) / v : 0);
+  const far = Math.max(toGo(from[0], along[0], inset, width), toGo(from[1], along[1], inset, height));
+  return Number.isFinite(far) && far > 0 ? far : 0;
 }
 
 /** How far along a ray the polygon begins, at most `far`. */

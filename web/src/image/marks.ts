@@ -4,7 +4,7 @@ import { s, set, toggle, write } from "../dom";
 import type { FrameHeader, NeedlePose, Scene } from "../protocol";
 import { toFrame, toWorld, type Vec } from "../vec";
 import type { Mapping } from "./fit";
-import { needleInImage, pathAhead, reach, skinLine } from "./geometry";
+import { intoSight, needleInImage, pathAhead, reach, skinLine } from "./geometry";
 import type { Point, Sector } from "./sector";
 import { at, circle, polyline, Stroke } from "./strokes";
 
@@ -12,6 +12,10 @@ const HANDLE = 13;
 const TIP = 11;
 const TARGET = 15;
 const PATH_TICK = 5;
+/** px from the left that the caption takes. */
+const CAPTION = 182;
+/** px of the pane's edge that the handle keeps clear of. */
+const INSET = 18;
 
 export class Marks {
   readonly svg = s("svg", { class: "marks", "aria-hidden": "true" });
@@ -70,7 +74,7 @@ export class Marks {
     };
     const reachOut = Math.min(0.16 * paneWidth, 170);
     const parts: Point[][] = [
-      [onSkin(Math.max(8, left[0] - reachOut)), onSkin(left[0] - 6)],
+      [onSkin(Math.min(left[0] - 6, Math.max(CAPTION, left[0] - reachOut))), onSkin(left[0] - 6)],
       [onSkin(right[0] + 6), onSkin(Math.min(paneWidth - 8, right[0] + 0.6 * reachOut))],
     ];
     this.skin.draw(parts.map(polyline).join(""));
@@ -84,9 +88,10 @@ export class Marks {
     const length = Math.max(pose.depth, 1) * needle.share;
     const seen = reach(sector.outline, from, needle.along, length);
     const step = (t: number) => map.point([needle.entry[0] + t * needle.along[0], needle.entry[1] + t * needle.along[1]]);
-    const place = step(slid * needle.share);
-    const edge = HANDLE / map.scale;
-    this.shaft.draw(seen > edge + slid ? polyline([step(edge + slid), step(seen)]) : "");
+    const start = Math.max(slid * needle.share, intoSight(step(0), needle.along, map.pane, INSET) / map.scale);
+    const place = step(start);
+    const edge = HANDLE / map.scale + start;
+    this.shaft.draw(seen > edge ? polyline([step(edge), step(seen)]) : "");
     set(this.handle, { transform: `translate(${at(place).replace(" ", ",")})` });
     const arrows = this.handle.children[2];
     const degrees = (Math.atan2(needle.along[1], needle.along[0]) * 180) / Math.PI;

@@ -15,7 +15,8 @@ const COMMAND_BUTTONS: readonly [number, CommandId][] = [[0, "freeze"], [1, "und
 const AXIS_BUTTONS: readonly [number, AxisId, number][] = [
   [4, "rotate", -1], [5, "rotate", 1], [12, "depth", -1], [13, "depth", 1], [14, "fan", -1], [15, "fan", 1],
 ];
-const STICKS: readonly [number, AxisId][] = [[0, "slide"], [1, "sweep"], [2, "angle"], [3, "swing"]];
+/** Sticks forward are away: a sweep or swing upwards. */
+const STICKS: readonly [number, AxisId, number][] = [[0, "slide", 1], [1, "sweep", -1], [2, "angle", 1], [3, "swing", -1]];
 
 /** Nothing within the dead zone, then fine near the middle and full at the end. */
 export function stick(value: number): number {
@@ -54,7 +55,7 @@ export class GamepadReader {
       if (pressed(button)) this.desk.press(`pad${button}`, axis, sign);
       if (released(button)) this.desk.release(`pad${button}`);
     }
-    for (const [place, axis] of STICKS) this.desk.drive(`stick${place}`, axis, stick(pad.axes[place] ?? 0));
+    for (const [place, axis, sign] of STICKS) this.desk.drive(`stick${place}`, axis, sign * stick(pad.axes[place] ?? 0));
     const pull = TRIGGER * ((pad.buttons[7]?.value ?? 0) - (pad.buttons[6]?.value ?? 0));
     this.desk.drive("triggers", "push", Math.abs(pull) < 0.04 ? 0 : pull);
     if (pressed(L3) || pressed(R3)) this.desk.holdPace(this.down.has(L3) ? "slow" : "fast");

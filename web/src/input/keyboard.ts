@@ -28,6 +28,10 @@ export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
     if (event.key === "Escape" && !inside.closest("dialog, [role=menu]")) desk.run("close");
   });
 
+  // the image shows that it has the focus to those who came by the Tab key
+  window.addEventListener("keydown", ({ key }) => document.body.classList.toggle("tabbing", key === "Tab"), true);
+  window.addEventListener("pointerdown", () => document.body.classList.remove("tabbing"), true);
+
   window.addEventListener("keyup", (event) => {
     desk.release(event.code);
     if (paces.delete(event.code) && paces.size === 0) desk.holdPace(null);

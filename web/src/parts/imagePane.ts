@@ -9,7 +9,7 @@ import { faceOrigin, Marks } from "../image/marks";
 import { Picture } from "../image/picture";
 import { Ruler } from "../image/ruler";
 import { sector, type Point, type Sector } from "../image/sector";
-import { KEEP_RIGHT, margins, RULER_X, type Layout } from "../layouts";
+import { keep, margins, RULER_X, type Layout } from "../layouts";
 import type { FrameHeader, Scene, State } from "../protocol";
 import type { Session } from "../session";
 import { clamp } from "../vec";
@@ -128,8 +128,8 @@ export class ImagePane {
     const header = frame?.header;
     this.view = sector(scene.probe, header?.state.image.depth ?? wish.image.depth);
     const raster: Raster = header ?? expected(this.view);
-    const box = fit(this.size, raster, margins(this.layout, scene.probe.kind), KEEP_RIGHT[this.layout]);
-    this.mapping = new Mapping(box, raster);
+    const box = fit(this.size, raster, margins(this.layout, scene.probe.kind), keep(this.layout, needleRight(scene)));
+    this.mapping = new Mapping(box, raster, this.size);
     const { style } = this.picture.canvas;
     style.left = `${box.left}px`;
     style.top = `${box.top}px`;
@@ -184,6 +184,11 @@ export class ImagePane {
     this.caption.dataset.text = lines.join("\n");
     this.caption.replaceChildren(...lines.map((line) => h("span", {}, line)));
   }
+}
+
+/** Whether the needle starts on the right of the probe. */
+export function needleRight(scene: Scene): boolean {
+  return scene.state.needle.u - scene.state.probe.slide > 0;
 }
 
 /** The raster of an image that has not come yet, fine enough to be placed. */

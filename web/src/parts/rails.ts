@@ -91,10 +91,10 @@ function pad(desk: Desk): HTMLElement {
   const set = (x: number, y: number) => {
     knob.style.transform = x || y ? `translate(${(x * PAD_REACH).toFixed(1)}px, ${(y * PAD_REACH).toFixed(1)}px)` : "";
     desk.drive("pad-x", "slide", x);
-    desk.drive("pad-y", "sweep", y);
+    desk.drive("pad-y", "sweep", -y);
   };
   const arrows = (["up", "down", "left", "right"] as const).map((side) => {
-    const [axis, sign] = { up: ["sweep", -1], down: ["sweep", 1], left: ["slide", -1], right: ["slide", 1] }[side] as [AxisId, 1 | -1];
+    const [axis, sign] = { up: ["sweep", 1], down: ["sweep", -1], left: ["slide", -1], right: ["slide", 1] }[side] as [AxisId, 1 | -1];
     return h("button", { type: "button", class: `arrow ${side}`, "aria-label": sign < 0 ? AXES[axis].down : AXES[axis].up, onclick: () => desk.session.nudge(axis, sign * AXES[axis].step) });
   });
   const root = h("div", { class: "pad" }, ...arrows, knob);

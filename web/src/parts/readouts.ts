@@ -11,6 +11,8 @@ const EVERY = 100;
 /** Share of the needle that may be in before its end is near. */
 const NEEDLE_END = 0.95;
 
+/** Plus is towards the viewer: against the image's z, which points into the screen. */
+export const towardsViewer = (values: Values): number => (values.out_of_plane === 0 ? 0 : -values.out_of_plane);
 export const inPlane = (values: Values): boolean => Math.abs(values.out_of_plane) <= values.half_slice;
 export const onTarget = (values: Values, scene: Scene): boolean =>
   values.tip_to_target !== null && values.tip_to_target <= scene.tolerance_mm;
@@ -77,17 +79,16 @@ export class ReadoutsPart {
     number(moved, values.moved, false);
     write(moved.note, this.cautions.folds.on ? "the tissue folds" : parts(values.moved_parts));
     toggle(moved.root, "caution", this.cautions.folds.on);
-    number(plane, values.out_of_plane, true);
+    number(plane, towardsViewer(values), true);
     const out = this.cautions.plane.on;
-    write(plane.note, !out ? (inPlane(values) ? "in plane" : "") : values.out_of_plane > 0 ? "sweep towards you" : "sweep away");
+    write(plane.note, !out ? (inPlane(values) ? "in plane" : "") : towardsViewer(values) > 0 ? "sweep towards you" : "sweep away");
     toggle(plane.root, "caution", out);
     this.drawBar(values);
   }
 
   /** The slice in the middle of a bar that spans six of its halves. */
-  private drawBar({ out_of_plane, half_slice }: Values): void {
-    const span = 6 * half_slice;
-    const place = Math.min(1, Math.max(-1, out_of_plane / span));
+  private drawBar(values: Values): void {
+    const place = Math.min(1, Math.max(-1, towardsViewer(values) / (6 * values.half_slice)));
     this.bar.style.left = `${(50 + 50 * place).toFixed(2)}%`;
     this.slice.style.left = `${50 - 50 / 6}%`;
     this.slice.style.width = `${100 / 6}%`;
@@ -124,7 +125,7 @@ function number({ number: output }: Row, value: number | null, signed: boolean):
   output.dataset.value = value.toFixed(3);
 }
 
-const WORDS = [["left", "right"], ["shallower", "deeper"], ["away", "towards you"]] as const;
+const WORDS = [["left", "right"], ["shallower", "deeper"], ["towards you", "away"]] as const;
 
 /** The two largest parts of a displacement in words. */
 export function parts(moved: readonly number[] | null): string {

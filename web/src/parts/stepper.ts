@@ -9,7 +9,7 @@ import { keyOf } from "../keys";
 
 /** Which pictures stand on the two buttons. */
 const PICTURES: Partial<Record<AxisId, readonly [IconName, IconName]>> = {
-  slide: ["left", "right"], sweep: ["up", "down"], rotate: ["anticlockwise", "clockwise"], fan: ["anticlockwise", "clockwise"],
+  slide: ["left", "right"], sweep: ["down", "up"], rotate: ["anticlockwise", "clockwise"], fan: ["anticlockwise", "clockwise"],
   angle: ["anticlockwise", "clockwise"], swing: ["left", "right"],
 };
 

@@ -21,6 +21,9 @@ export class ViewPane {
       h("div", { class: "view-buttons" }, toggleButton(desk, "grid", "Grid"), toggleButton(desk, "colours", "Displacement"), h("span", { class: "space" }), toggleButton(desk, "probeView", "Probe view")),
       this.swap,
     );
+    tapped(this.element, () => {
+      if (!desk.switches.swapped && document.body.dataset.layout === "tablet") desk.flip("swapped", true);
+    });
     this.swap.addEventListener("click", () => desk.flip("swapped"));
     session.sceneReady.on((scene) => this.view?.begin(scene));
     session.geometry.on((geometry) => {
@@ -88,3 +91,20 @@ export class ViewPane {
     }
   }
 }
+
+/** A short touch that does not move; one on a button is the button's. */
+export function tapped(element: HTMLElement, run: () => void): void {
+  let from: PointerEvent | null = null;
+  element.addEventListener("pointerdown", (event) => (from = (event.target as Element).closest("button") ? null : event), true);
+  element.addEventListener(
+    "pointerup",
+    (event) => {
+      if (from && Math.hypot(event.clientX - from.clientX, event.clientY - from.clientY) < TAP_PX && event.timeStamp - from.timeStamp < TAP_MS) run();
+      from = null;
+    },
+    true,
+  );
+}
+
+const TAP_PX = 8;
+const TAP_MS = 350;

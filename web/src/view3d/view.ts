@@ -3,18 +3,23 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { sector } from "../image/sector";
-import type { Frame, Geometry, Scene } from "../protocol";
-import { add, scale, toWorld, turnToFrame, type Vec } from "../vec";
+import type { Frame, Geometry, Scene, SceneFrame } from "../protocol";
+import { add, scale, toWorld, turnToWorld, type Vec } from "../vec";
+import { FOV, framed, inSight, needleIn } from "./framing";
 import { ImagePlane } from "./imagePlane";
 import { boxEdges, dispose, NeedleModel, TargetModel } from "./instruments";
 import { TissueModel } from "./tissue";
 import { transducer } from "./transducer";
 
-const FOV = 30;
+/** How far the camera stands to the side and above, for one forwards. */
+const SIDE = 0.42;
+const ABOVE = 0.4;
 /** The view takes at most this share of the time, and no more than so many ms from one picture to the next. */
 const SHARE = 0.3;
 const FASTEST = 30;
 const SLOWEST = 250;
+/** ms without change until a view is at rest. */
+const STILL = 600;
 /** Drawn by a processor, which the image needs too. */
 const FASTEST_SOFTWARE = 80;
 
@@ -36,6 +41,9 @@ export class View3d {
   private size = { width: 0, height: 0 };
   private dirty = true;
   private nextAt = 0;
+  private drawnAt = 0;
+  private sharp = false;
+  private shown = "";
   follow = false;
 
   constructor() {
@@ -55,6 +63,7 @@ export class View3d {
   begin(scene: Scene): void {
     this.scene = scene;
     this.frame = null;
+    this.shown = "";
     this.plane.object.visible = false;
     for (const old of [this.probe, this.needle?.group, this.box]) {
       if (!old) continue;
@@ -68,6 +77,7 @@ export class View3d {
     this.needle.group.visible = false;
     this.box = boxEdges(scene);
     this.stage.add(this.probe, this.needle.group, this.box);
+    shine(this.stage, scene.frame);
     this.home();
   }
 
@@ -80,6 +90,10 @@ export class View3d {
     this.frame = frame;
     const { header, positions } = frame;
     if (!this.scene || !this.probe || !this.needle) return;
+    // speckle that flickers with the electronic noise is not worth a picture
+    const shown = JSON.stringify([header.image_to_reference, header.probe_to_reference, header.needle, header.target, header.state.image]);
+    if (shown === this.shown && !positions) return;
+    this.shown = shown;
     this.plane.show(frame, this.scene.probe);
     this.probe.matrix.set(...(header.probe_to_reference as unknown as Parameters<THREE.Matrix4["set"]>));
     this.probe.matrixWorldNeedsUpdate = true;
@@ -91,46 +105,41 @@ export class View3d {
     this.redraw();
   }
 
-  /** Two thirds from the front, a little from above: everything in sight. */
+  /** From the viewer's side, a little from the right and from above: everything in sight. */
   home(): void {
     const { scene } = this;
     if (!scene) return;
     const { right, depth, out } = scene.frame;
-    const middle = scale(add(scene.box.low, scene.box.high), 0.5);
-    const size = Math.hypot(...scene.box.high.map((x, k) => x - scene.box.low[k]));
-    // the probe stands above the box
-    const centre = add(middle, scale(depth, -0.12 * size));
-    const away = add(add(scale(out, 1), scale(right, 0.42)), scale(depth, -0.4));
-    this.look(centre, add(centre, scale(away, (1.42 * size) / Math.hypot(...away) * this.widen())), scale(depth, -1));
+    const up = scale(depth, -1);
+    const side = needleIn(scene) ? -SIDE : SIDE;
+    const away = add(add(scale(out, -1), scale(right, side)), scale(up, ABOVE));
+    const { centre, distance } = framed(inSight(scene), away, up, this.camera.aspect);
+    this.look(centre, add(centre, scale(away, distance / Math.hypot(...away))), up);
   }
 
-  /** The camera where the image's viewer is. */
+  /** The camera where the image's viewer is: the image is as it is on the screen. */
   lookAlongProbe(): void {
     const { scene, frame } = this;
     if (!scene || !frame) return;
     const pose = frame.header.probe_to_reference;
-    const depth = frame.header.state.image.depth;
-    const { low, high } = sector(scene.probe, depth);
-    const middle = [0, 0.42 * (low[1] + high[1]), 0];
-    const far = (1.35 * Math.max(high[0] - low[0], high[1] - low[1] + 40)) / (2 * Math.tan((FOV * Math.PI) / 360));
-    const up = turnToFrame(transposed(pose), [0, -1, 0]);
-    this.look(toWorld(pose, middle), toWorld(pose, [middle[0], middle[1], far * this.widen()]), up);
+    const { outline } = sector(scene.probe, frame.header.state.image.depth);
+    const points = outline.map(([x, y]) => toWorld(pose, [x, y, 0]));
+    const [away, up] = [turnToWorld(pose, [0, 0, -1]), turnToWorld(pose, [0, -1, 0])];
+    const { centre, distance } = framed(points, away, up, this.camera.aspect);
+    this.look(centre, add(centre, scale(away, distance)), up);
   }
 
   resize(width: number, height: number): void {
-    const before = this.widen();
+    const first = this.size.width < 1;
+    const before = this.camera.aspect;
     this.size = { width, height };
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.sharpen(false);
     this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / Math.max(1, height);
+    this.camera.aspect = Math.max(1, width) / Math.max(1, height);
     this.camera.updateProjectionMatrix();
     this.target.resize(height, FOV);
     if (this.follow) this.lookAlongProbe();
-    else if (Math.abs(before - this.widen()) > 0.01) {
-      const offset = this.camera.position.clone().sub(this.orbit.target).multiplyScalar(this.widen() / before);
-      this.camera.position.copy(this.orbit.target).add(offset);
-      this.orbit.update();
-    }
+    else if (first || Math.abs(before - this.camera.aspect) > 0.2) this.home();
     this.redraw();
   }
 
@@ -140,17 +149,23 @@ export class View3d {
 
   /** Once an animation frame, after the image. */
   tick(now: number): void {
-    if (!this.dirty || now < this.nextAt || this.size.width < 1) return;
+    if (this.size.width < 1) return;
+    const still = !this.dirty && this.software && !this.sharp && now - this.drawnAt > STILL;
+    if (still) this.sharpen(true);
+    else if (!this.dirty || now < this.nextAt) return;
+    else if (this.sharp) this.sharpen(false);
     const start = performance.now();
     this.renderer.render(this.stage, this.camera);
     const took = performance.now() - start;
+    this.drawnAt = now;
     this.nextAt = now + Math.min(SLOWEST, Math.max(this.software ? FASTEST_SOFTWARE : FASTEST, took / SHARE));
     this.dirty = false;
   }
 
-  /** A pane narrower than high needs more distance. */
-  private widen(): number {
-    return Math.max(1, (0.95 * this.size.height) / Math.max(1, this.size.width));
+  /** Where there is no antialiasing, a view at rest is drawn once more at twice the size. */
+  private sharpen(on: boolean): void {
+    this.sharp = on;
+    this.renderer.setPixelRatio(on ? 2 : Math.min(window.devicePixelRatio, 2));
   }
 
   private look(at: Vec, from: Vec, up: Vec): void {
@@ -177,13 +192,17 @@ function isSoftware(): boolean {
 }
 
 function lights(): THREE.Light[] {
-  const sun = new THREE.DirectionalLight(0xffffff, 1.7);
-  const fill = new THREE.DirectionalLight(0xcfe4ff, 0.7);
-  sun.position.set(0.4, 0.8, 1);
-  fill.position.set(-0.7, -0.6, -0.3);
-  return [new THREE.HemisphereLight(0xffffff, 0x4a4f58, 1.3), sun, fill];
+  const sun = new THREE.DirectionalLight(0xffffff, 1.9);
+  const fill = new THREE.DirectionalLight(0xcfe4ff, 0.8);
+  sun.name = "sun";
+  fill.name = "fill";
+  return [new THREE.HemisphereLight(0xffffff, 0x6a707a, 1.1), sun, fill];
 }
 
-function transposed(m: Vec): number[] {
-  return [m[0], m[4], m[8], 0, m[1], m[5], m[9], 0, m[2], m[6], m[10], 0, 0, 0, 0, 1];
+/** Light from above the skin and from the viewer's side. */
+function shine(stage: THREE.Scene, { right, depth, out }: SceneFrame): void {
+  const up = scale(depth, -1);
+  const place = (name: string, from: Vec) => stage.getObjectByName(name)?.position.set(from[0], from[1], from[2]);
+  place("sun", add(add(scale(out, -1.2), scale(up, 0.9)), scale(right, 0.5)));
+  place("fill", add(add(scale(out, -0.3), scale(up, 0.2)), scale(right, -1)));
 }
