@@ -43,6 +43,12 @@ def test_a_fluid_shears_freely_at_constant_volume():
     assert water.lame_moduli[1] == pytest.approx(FLUID_SHEAR * solid.lame_moduli[1])
 
 
+def test_the_picture_of_stiffness_orders_tissues_and_is_not_blinded_by_bone():
+    labels = np.arange(4, dtype=np.uint8).repeat(4).reshape(4, 2, 2)
+    tissues = TissueMap(Volume(voxels=labels, spacing=(1, 1, 1)), {0: STIFF, 1: BONE, 2: SOFT, 3: STIFF})
+    assert tissues.stiffness_image().voxels[:, 0, 0].tolist() == [1, 2, 0, 1]
+
+
 def test_a_label_map_in_another_frame_is_resampled(a_rotation):
     tissues = halves(0.5, SOFT, STIFF)
     turned = Volume(

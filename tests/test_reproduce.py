@@ -9,6 +9,7 @@ import pytest
 from sonospline import cli
 from sonospline.validation import claims, report, study, timing
 from sonospline.validation.insertions import held_out_insertions
+from sonospline.validation.models import Scope
 from sonospline.validation.notebook import Notebook
 
 for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
@@ -16,7 +17,15 @@ for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
 
 TIMED = dict.fromkeys(("from_scratch", "multigrid", "direct"), "scikit-fem")
 TINY = study.Plan(
-    seed=3, solver="multigrid", timed=TIMED, sides=(7, 9), depths=4, population=4, generations=2, workers=1
+    seed=3,
+    solver="multigrid",
+    timed=TIMED,
+    sides=(7, 9),
+    depths=4,
+    population=4,
+    generations=2,
+    workers=1,
+    scope=Scope(("H2",), fine=33, side=17, depths=2, frames=20, scenes=("homogeneous", "layers")),
 )
 
 
@@ -61,6 +70,23 @@ def test_a_finished_study_is_read_not_computed(finished, monkeypatch):
     assert computed == []
 
 
+def test_the_three_models_are_compared_with_finite_elements_in_every_scene(finished):
+    _, results = finished
+    friction = {(r["scene"], r["model"]): r for r in results["models"]["friction"] if r["depth"] == 1.0}
+    for scene in ("homogeneous", "layers"):
+        assert friction[scene, "elastic"]["relative"] < 0.05
+        assert friction[scene, "elastic"]["tip_share"] < 0.1
+    assert friction["homogeneous", "kelvinlet"]["relative"] < 0.2 < friction["homogeneous", "tuned"]["relative"]
+    for ignorant in ("tuned", "kelvinlet", "one stiffness"):
+        assert friction["layers", ignorant]["relative"] > 0.8
+    assert set(friction["layers", "elastic"]["tissues"]) == {"first layer", "stiff layer, x 5", "last layer, x 2"}
+    held = {(r["scene"], r["model"]): r["relative"] for r in results["models"]["held"]}
+    assert held["homogeneous", "kelvinlet"] < held["homogeneous", "tuned"] < 1
+    assert held["layers", "one stiffness"] < held["layers", "tuned"]
+    assert np.shape(results["models"]["maps"]["layers"]["elastic"]) == (17, 17)
+    assert min(row["elastic_ms"] for row in results["times"]) > 0
+
+
 def test_other_settings_a_missing_and_a_damaged_part_are_computed_anew(tmp_path, caplog):
     told = []
     notebook = Notebook(tmp_path, told.append)
@@ -100,12 +126,14 @@ def test_the_report_puts_the_papers_figure_beside_ours(finished):
     ):
         assert said in text
     assert "pypardiso" not in text
+    assert "| layers | stiff layer, x 5 |" in text
+    assert "no: a step costs" in text
     for symbol, paper in (("f_max", "0.0227"), ("sigma_s", "0.1291"), ("l_tip", "0.0899")):
         assert f"| {symbol} |" in text
         assert f"| {paper} |" in text
     row = results["times"][-1]
     assert f"{row['from_scratch_ms'] / row['ours_ms']:,.0f} times from scratch" in text
-    for heading in ("Table I", "Time per step", "thin plate", "Algorithm 1 can be read"):
+    for heading in ("Table I", "Time per step", "thin plate", "Algorithm 1 can be read", "on the same loads"):
         assert heading in text
 
 
@@ -134,7 +162,7 @@ def test_reproduce_writes_report_and_figures_and_keeps_parts_of_a_stopped_run(tm
     assert cli.main([*stopped, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["tuning"] == results["tuning"]
-    pictures = ["figure_1.png", "figure_2.png", "figure_3.png", "front.png"]
+    pictures = ["figure_1.png", "figure_2.png", "figure_3.png", "front.png", "models_depth.png", "models_maps.png"]
     assert sorted(file.name for file in out.iterdir()) == [*pictures, "parts", "report.md", "results.json"]
     for name in pictures:
         assert (out / name).stat().st_size > 10_000

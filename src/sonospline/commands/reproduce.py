@@ -25,6 +25,7 @@ from ..tissue import Tissue
 from ..validation import front_files, report, study
 from ..validation.figure_curves import draw_curves
 from ..validation.figure_mesh import draw_mesh
+from ..validation.figure_models import draw_depths, draw_maps
 from ..validation.figure_slices import Compared, draw_slices
 from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from ..validation.notebook import Notebook
@@ -107,6 +108,8 @@ def _draw(plan: study.Plan, results: dict[str, Any], image: Volume, folder: Path
     )
     curves = study.mean_rows([row for row in results["errors"] if row["model"] == "tuned"], "side", "depth")
     draw_curves(curves, results["times"], folder / "figure_3.png")
+    draw_maps(results["models"]["maps"], folder / "models_maps.png")
+    draw_depths(results["models"]["friction"], folder / "models_depth.png")
     objectives = np.array(results["tuning"]["front"])
     front = ParetoFront(np.zeros((len(objectives), 7)), objectives)
     front_files.draw(front, tuple(plan.name for plan in tuning_insertions()), folder / "front.png")

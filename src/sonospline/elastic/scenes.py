@@ -9,7 +9,17 @@ from ..volume import Volume
 from .materials import TissueMaterial
 from .tissue_map import TissueMap
 
-SCENES = ("homogeneous", "layers", "sphere", "bone", "cavity", "body")
+TISSUES = {
+    "homogeneous": ("tissue",),
+    "layers": ("first layer", "stiff layer, x 5", "last layer, x 2"),
+    "sphere": ("tissue", "sphere, x 10"),
+    "bone": ("tissue", "bone, x 1000"),
+    "cavity": ("tissue", "cavity, x 0.1"),
+    "body": ("organ", "skin", "fat", "muscle", "tumour", "cavity", "bone"),
+}
+"""The tissues of each scene, in the order of their labels."""
+
+SCENES = tuple(TISSUES)
 
 
 def scene(

@@ -180,10 +180,35 @@ class ElasticSolver:
         NotConvergedError
             It is still above after 200 iterations.
         """
+        return self._converged(self.step(self.rest, load, needle, iterations=FIRST_ITERATIONS), tolerance)
+
+    def equilibrium(self, forces: Array | Single, *, tolerance: float = 1e-4) -> ElasticState:
+        """Return the converged state under given forces on the nodes of :attr:`grid`, as :meth:`solve` does of a load.
+
+        Parameters
+        ----------
+        forces : (3, nx, ny, nz) ndarray
+            Along the axes of the grid.
+        tolerance : float, default: 1e-4
+            Error estimate of the state, at most.
+
+        Raises
+        ------
+        ValueError
+            Forces of another shape, NaN or infinite, or a tolerance below 1e-6.
+        NotConvergedError
+            As :meth:`solve`.
+        """
+        wanted = (3, *self.grid.shape)
+        if np.shape(forces) != wanted or not np.isfinite(forces).all():
+            raise ValueError(f"forces has shape {np.shape(forces)}; give finite ones of shape {wanted}")
+        single = np.ascontiguousarray(forces, np.float32)
+        return self._converged(self._iterate(self.rest, single, FIRST_ITERATIONS, estimate=True), tolerance)
+
+    def _converged(self, state: ElasticState, tolerance: float) -> ElasticState:
         tolerance = _validate.number("tolerance", tolerance, positive=True)
         if tolerance < _FINEST:
             raise ValueError(f"tolerance = {tolerance:g} is below what float32 resolves; give at least {_FINEST:g}")
-        state = self.step(self.rest, load, needle, iterations=FIRST_ITERATIONS)
         forces, taken = state.load, state.iterations
         while state.error > tolerance:
             if taken >= _MOST_ITERATIONS:

@@ -121,17 +121,23 @@ class TissueMap:
 
     def resistance(self, points: Array) -> tuple[Array, Array]:
         """Return friction in N/mm and cutting force in N at each of the world points (m, 3)."""
-        index = np.rint(self.labels.index(points)).astype(int)
-        index = np.clip(index, 0, np.array(self.labels.voxels.shape) - 1)
-        place = np.searchsorted(self._present, self.labels.voxels[tuple(index.T)])
+        place = np.searchsorted(self._present, self.labels_at(points))
         return self._friction[place], self._cutting_force[place]
 
+    def labels_at(self, points: Array) -> NDArray[np.integer]:
+        """Return the label (m,) at each of the world points (m, 3): that of the nearest voxel."""
+        index = np.rint(self.labels.index(points)).astype(int)
+        index = np.clip(index, 0, np.array(self.labels.voxels.shape) - 1)
+        return self.labels.voxels[tuple(index.T)]
+
     def stiffness_image(self) -> Volume:
-        """Return the logarithm to base ten of Young's modulus in kPa, as an image to look at."""
-        table = np.zeros(max(self._present) - min(self._present) + 1, np.float32)
-        for label in self._present:
-            table[label - min(self._present)] = np.log10(self.materials[label].stiffness_kpa)
-        return self._with(table[self.labels.voxels.astype(np.int64) - min(self._present)])
+        """Return an image to look at: the place of each voxel's stiffness among those that occur, 0 the softest.
+
+        Stiffness itself, even its logarithm, would leave all but bone black.
+        """
+        stiffness = [self.materials[label].stiffness_kpa for label in self._present]
+        order = np.searchsorted(np.unique(stiffness), stiffness).astype(np.float32)
+        return self._with(order[self._places])
 
     @cached_property
     def _present(self) -> list[int]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import _validate
 from ..field import Method
-from ..insertion import Insertion
+from ..insertion import NeedleInsertion
 from ..needle import Needle
 from ..tissue import Tissue
 from .insertions import PlannedInsertion
@@ -107,13 +107,13 @@ class Reference:
 
 
 def errors_along(
-    insertion: Insertion, reference: Reference, *, threshold: float = 0.0, method: Method = "direct"
+    insertion: NeedleInsertion, reference: Reference, *, threshold: float = 0.0, method: Method = "direct"
 ) -> list[Errors]:
     """Return the errors of an insertion at each depth of a reference.
 
     Parameters
     ----------
-    insertion : Insertion
+    insertion : NeedleInsertion
         The model, on the reference's grid; its needle is advanced.
     reference : Reference
         What it is compared with.

@@ -10,6 +10,7 @@ from .._markdown import table
 from ..interaction import NeedleTissueModel
 from .claims import compare
 from .objective import TUNABLES
+from .report_models import compared_models
 from .study import mean_rows
 
 Row = dict[str, Any]
@@ -40,6 +41,7 @@ def write(results: Row, about: Row) -> str:
                 *_figures(results),
                 *_times(results["times"]),
                 *_errors(results),
+                *compared_models(results),
                 *_plane(results["plane"]),
                 *_readings(results["readings"]),
             ]

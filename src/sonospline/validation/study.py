@@ -19,6 +19,7 @@ from ..tissue import Tissue
 from . import timing
 from .insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from .metrics import Errors
+from .models import Scope, compare_friction, compare_held, held_factors
 from .notebook import Notebook
 from .objective import Objective, errors_at_target
 from .parallel import usable_processors
@@ -48,6 +49,8 @@ class Plan:
     tuning_depths: int = 2
     population: int = POPULATION
     generations: int = GENERATIONS
+    scope: Scope = field(default_factory=Scope)
+    """How much the three models are compared."""
     workers: int = field(default_factory=usable_processors, compare=False)
 
     @classmethod
@@ -65,7 +68,17 @@ class Plan:
     def quick(cls, seed: int) -> Plan:
         """Return a study of a few minutes: two meshes, a small search, the engine that pip installs."""
         timed = dict.fromkeys(("from_scratch", "multigrid", "direct"), "scikit-fem")
-        return cls(seed, "multigrid", timed, sides=(25, 31), depths=2, tuning_depths=1, population=16, generations=12)
+        return cls(
+            seed,
+            "multigrid",
+            timed,
+            sides=(25, 31),
+            depths=2,
+            tuning_depths=1,
+            population=16,
+            generations=12,
+            scope=Scope(("H2",), fine=49, depths=2),
+        )
 
 
 def run_study(plan: Plan, notebook: Notebook) -> Row:
@@ -89,13 +102,14 @@ def run_study(plan: Plan, notebook: Notebook) -> Row:
         "times": [
             notebook.part(
                 f"times_{side}",
-                {"side": side, "engines": plan.timed},
+                {"side": side, "engines": plan.timed, "models": timing.MODELS},
                 lambda side=side: timing.measure(side, plan.timed),  # type: ignore[misc]
             )
             for side in plan.sides
         ],
         "plane": _part(notebook, plan, "thin plate", models, lambda: _plane(plan, models["tuned"])),
         "readings": _part(notebook, plan, "readings", models, lambda: _readings(plan)),
+        "models": _models(plan, notebook, models["tuned"]),
     }
 
 
@@ -126,7 +140,7 @@ def mean_rows(rows: Sequence[Row], *keys: str) -> list[Row]:
     ]
 
 
-_FIGURES = tuple(f.name for f in fields(Errors))
+_FIGURES = (*(f.name for f in fields(Errors)), "tip_share")
 
 
 def _tune(plan: Plan) -> Row:
@@ -198,6 +212,28 @@ def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
 def _readings(plan: Plan) -> list[Row]:
     references = [reference_of(plan, i, plan.sides[0], plan.depths).last for i in tuning_insertions()]
     return [reading.row() for reading in compare_readings(references)]
+
+
+def _models(plan: Plan, notebook: Notebook, tuned: NeedleTissueModel) -> Row:
+    """The three models against finite elements, scene by scene."""
+    scope = plan.scope
+    settings = {"scope": asdict(scope), "tuned": asdict(tuned)}
+    insertions = {insertion.name: insertion for insertion in held_out_insertions()}
+    factors = notebook.part("models_factors", settings, lambda: held_factors(scope, tuned))
+    rows: dict[str, list[Row]] = {"friction": [], "held": []}
+    maps: Row = {}
+    for name in scope.scenes:
+        for insertion in (insertions[one] for one in scope.insertions):
+
+            def compute(name: str = name, insertion: PlannedInsertion = insertion) -> Row:
+                friction = compare_friction(scope, name, insertion, tuned)
+                return friction | {"held": compare_held(scope, name, insertion, tuned, factors)}
+
+            part = notebook.part(f"models_{name}_{insertion.name}", settings, compute)
+            rows["friction"] += part["rows"]
+            rows["held"] += part["held"]
+            maps.setdefault(name, part["maps"])
+    return {**rows, "maps": maps, "factors": factors}
 
 
 def _part(

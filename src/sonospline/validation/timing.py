@@ -1,4 +1,4 @@
-"""Time per step of finite elements, three ways, and of the spline: one run, one thread each.
+"""Time per step of finite elements, three ways, and of the models: one run, one thread each.
 
 Run as a program it prints JSON; :func:`measure` does so in a fresh process, because the
 threads of BLAS and of the direct solver are fixed when they are first loaded.
@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from ..elastic import ElasticInsertion, scene
 from ..fem import FiniteElementModel, LineForce
 from ..grid import Grid
-from ..insertion import Insertion
+from ..insertion import Insertion, NeedleInsertion
 from ..interaction import NeedleTissueModel
+from ..kelvinlet import KelvinletInsertion
 from ..needle import Needle
 from ..tissue import Tissue
 from .insertions import held_out_insertions
@@ -28,6 +30,10 @@ from .insertions import held_out_insertions
 Row = dict[str, Any]
 
 STEPS = 20
+MODELS = ("ours", "kelvinlet", "elastic", "elastic_fine")
+"""The paper's spline, the Kelvinlet, and finite elements: on 25^3 nodes up-sampled, and on about the nodes shown."""
+
+_LIVE_NODES = 25**3
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "SONOSPLINE_THREADS"), "1")
 _TURNS = 3
 """So many of the last steps are timed; one before them makes what is kept."""
@@ -66,7 +72,7 @@ def timed(side: int, engines: dict[str, str]) -> Row:
     tissue = Tissue(Grid.unit_cube(side))
     whole = held_out_insertions()[1].on(tissue)
     needles = [Needle(whole.entry, whole.at(k / STEPS)) for k in range(1, STEPS + 1)]
-    row: Row = {"side": side, "nodes": tissue.grid.node_count, "engines": engines} | _ours(tissue, needles)
+    row: Row = {"side": side, "nodes": tissue.grid.node_count, "engines": engines} | _models(tissue, needles)
     for solver, engine in engines.items():
         model = FiniteElementModel(tissue, engine=engine, solver=solver, tolerance=_TOLERANCE)
         if solver != "from_scratch":
@@ -76,21 +82,31 @@ def timed(side: int, engines: dict[str, str]) -> Row:
     return row
 
 
-def _ours(tissue: Tissue, needles: list[Needle]) -> Row:
-    """Select, solve and evaluate all nodes: the median of the last half of the steps of three insertions."""
-    insertion = Insertion(tissue, NeedleTissueModel.paper())
-    spent: list[float] = []
+def _models(tissue: Tissue, needles: list[Needle]) -> Row:
+    """A step of each model, all nodes evaluated: the median of the last half of the steps of three insertions."""
+    spline = Insertion(tissue, NeedleTissueModel.paper())
+    body, load = scene("body"), LineForce()
+    fine = ElasticInsertion(tissue, body, load, nodes=tissue.grid.node_count)
+    drag = KelvinletInsertion(tissue)  # keeps nothing from step to step
+    insertions: dict[str, NeedleInsertion] = {
+        "ours": spline,
+        "elastic": ElasticInsertion(tissue, body, load, nodes=_LIVE_NODES),
+        "elastic_fine": fine,
+    }
+    spent: dict[str, list[float]] = {name: [] for name in insertions}
     for _ in range(3):
-        insertion.reset()
-        spent += [_elapsed_ms(partial(_step, insertion, needle)) for needle in needles][STEPS // 2 :]
-    return {
-        "ours_ms": float(np.median(spent)),
-        "ours_range_ms": [min(spent), max(spent)],
-        "landmarks": insertion.landmark_count + len(insertion.anchors),
+        for name, insertion in insertions.items():
+            insertion.reset()
+            spent[name] += [_elapsed_ms(partial(_step, insertion, needle)) for needle in needles][STEPS // 2 :]
+    spent["kelvinlet"] = [_elapsed_ms(partial(_step, drag, needle)) for needle in needles[-_TURNS:]]
+    return {f"{name}_ms": float(np.median(times)) for name, times in spent.items()} | {
+        "ours_range_ms": [min(spent["ours"]), max(spent["ours"])],
+        "landmarks": spline.landmark_count + len(spline.anchors),
+        "elastic_fine_nodes": fine.solver.grid.node_count,
     }
 
 
-def _step(insertion: Insertion, needle: Needle) -> None:
+def _step(insertion: NeedleInsertion, needle: Needle) -> None:
     insertion.advance(needle).on_grid()
 
 

@@ -1,0 +1,173 @@
+"""The three models of tissue and finite elements on the same loads, in homogeneous and in labelled tissue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..elastic import SCENES, ElasticInsertion, ElasticSolver, TissueMap, scene
+from ..elastic.scenes import TISSUES
+from ..fem import LineForce, Material, ShaftDisplacement
+from ..grid import Grid
+from ..insertion import Insertion, NeedleInsertion
+from ..interaction import NeedleTissueModel
+from ..kelvinlet import DragModel, KelvinletInsertion
+from ..needle import Needle
+from ..tissue import Tissue
+from .held_shaft import held_shaft
+from .insertions import PlannedInsertion, tuning_insertions
+from .metrics import displacement_errors
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+_REFERENCE_ERROR = 1e-4
+_DIGITS = 4
+"""Of the numbers of a picture."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """How much is compared."""
+
+    insertions: tuple[str, ...] = ("H2", "H1", "H3", "H4", "H5")
+    """Names of the held-out insertions; the first is drawn."""
+    fine: int = 97
+    """Nodes a side of the reference; every second of them is compared."""
+    side: int = 25
+    """Nodes a side of the live solver, and of the reference of case D."""
+    depths: int = 5
+    """Equal steps to the target at which errors are measured."""
+    frames: int = 60
+    """Of an elastic insertion, one iteration each."""
+    scenes: tuple[str, ...] = SCENES
+
+    @property
+    def display(self) -> Tissue:
+        """The nodes that are compared."""
+        return Tissue(Grid.unit_cube((self.fine + 1) // 2))
+
+
+def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: NeedleTissueModel) -> Row:
+    """Return the errors of every model in a scene, at each depth, on load case F.
+
+    The reference is the live solver on a fine grid, converged. The kernels do not know the
+    stiffness: they were tuned in homogeneous tissue on this load.
+    """
+    tissue, tissues = scope.display, scene(name)
+    depths = [(k + 1) / scope.depths for k in range(scope.depths)]
+    whole = plan.on(tissue)
+    needles = [Needle(whole.entry, whole.at(depth)) for depth in depths]
+    fine = ElasticSolver(tissue, tissues, nodes=scope.fine**3)
+    states = (fine.solve(LineForce(), needle, tolerance=_REFERENCE_ERROR) for needle in needles)
+    expected = [np.moveaxis(state.displacement, 0, -1)[::2, ::2, ::2].astype(float) for state in states]
+    found = dict(_friction_models(scope, tissues, tuned, needles))
+    labels = tissues.labels_at(tissue.grid.points).reshape(tissue.grid.shape)
+    rows: list[Row] = []
+    for model, fields in found.items():
+        for depth, needle, field, reference in zip(depths, needles, fields, expected, strict=True):
+            errors = asdict(displacement_errors(field, reference, grid=tissue.grid, tip=needle.tip))
+            errors["tip_share"] = errors["at_tip"] / float(np.linalg.norm(reference, axis=-1).max())
+            rows.append({"scene": name, "insertion": plan.name, "model": model, "depth": depth} | errors)
+        rows[-1]["tissues"] = _by_tissue(name, labels, fields[-1], expected[-1])
+    maps = {"reference": _slice(expected[-1])} | {m: _slice(f[-1] - expected[-1]) for m, f in found.items()}
+    return {"rows": rows, "maps": maps | {"labels": labels[:, :, labels.shape[2] // 2].tolist()}}
+
+
+def held_factors(scope: Scope, tuned: NeedleTissueModel) -> dict[str, float]:
+    """Return what the field of each kernel, as tuned for case F, is to be multiplied by on case D.
+
+    Least squares on the tuning insertions, in homogeneous tissue: which nodes are held depends
+    on the mesh, and between them tissue lags behind.
+    """
+    tissue = Tissue(Grid.unit_cube(scope.side))
+    solver = ElasticSolver(tissue, Material(), nodes=scope.side**3)
+    needles = [plan.on(tissue) for plan in tuning_insertions()]
+    moved = [held_shaft(solver, ShaftDisplacement(), needle) for needle in needles]
+    factors = {}
+    for model, insertion in _kernels(tissue, tuned).items():
+        fields = [_field(insertion, needle) for needle in needles]
+        factors[model] = float(sum(map(np.vdot, fields, moved)) / sum(map(np.vdot, fields, fields)))
+    return factors
+
+
+def compare_held(
+    scope: Scope, name: str, plan: PlannedInsertion, tuned: NeedleTissueModel, factors: dict[str, float]
+) -> list[Row]:
+    """Return the errors of every model in a scene, at full depth, on load case D.
+
+    The reference is that of the live solver's own nodes.
+    """
+    tissue, load = Tissue(Grid.unit_cube(scope.side)), ShaftDisplacement()
+    needle = plan.on(tissue)
+    expected = held_shaft(ElasticSolver(tissue, scene(name), nodes=scope.side**3), load, needle)
+    found = {model: factors[model] * _field(one, needle) for model, one in _kernels(tissue, tuned).items()}
+    if name != "homogeneous":
+        found["one stiffness"] = held_shaft(ElasticSolver(tissue, Material(), nodes=scope.side**3), load, needle)
+    rows = []
+    for model, field in found.items():
+        errors = asdict(displacement_errors(field, expected, grid=tissue.grid, tip=needle.tip))
+        errors["tip_share"] = errors["at_tip"] / float(np.linalg.norm(expected, axis=-1).max())
+        rows.append({"scene": name, "insertion": plan.name, "model": model} | errors)
+    return rows
+
+
+def _friction_models(
+    scope: Scope, tissues: TissueMap, tuned: NeedleTissueModel, needles: list[Needle]
+) -> Iterator[tuple[str, list[Array]]]:
+    """Each model's displacement at each pose."""
+    tissue, load = Tissue(scope.display.grid), LineForce()
+    for model, insertion in _kernels(tissue, tuned).items():
+        yield model, [_field(insertion, needle) for needle in needles]
+    makers: dict[str, Callable[[], ElasticInsertion]] = {
+        "elastic": lambda: ElasticInsertion(tissue, tissues, load, nodes=scope.side**3)
+    }
+    if len(tissues.materials) > 1:
+        makers["one stiffness"] = lambda: ElasticInsertion(tissue, Material(), load, nodes=scope.side**3)
+    for model, make in makers.items():
+        yield model, _live(make(), needles, scope.frames)
+
+
+def _kernels(tissue: Tissue, tuned: NeedleTissueModel) -> dict[str, NeedleInsertion]:
+    return {
+        "Table I": Insertion(tissue, NeedleTissueModel.paper()),
+        "tuned": Insertion(tissue, tuned),
+        "kelvinlet": KelvinletInsertion(tissue, DragModel.kelvinlet()),
+    }
+
+
+def _live(insertion: ElasticInsertion, needles: list[Needle], frames: int) -> list[Array]:
+    """Fields at the poses of an insertion that takes so many frames to the last of them."""
+    whole, fields = needles[-1], []
+    for number, needle in enumerate(needles):
+        first, last = (round(frames * k / len(needles)) for k in (number, number + 1))
+        for frame in range(first + 1, last + 1):
+            insertion.advance(Needle(whole.entry, whole.at(frame / frames)) if frame < last else needle)
+        fields.append(np.asarray(insertion.field.on_grid(), float))
+    return fields
+
+
+def _field(insertion: NeedleInsertion, needle: Needle) -> Array:
+    insertion.reset()
+    return np.asarray(insertion.advance(needle).on_grid("accurate"), float)
+
+
+def _by_tissue(name: str, labels: NDArray[np.integer], field: Array, reference: Array) -> Row:
+    """Mean error over mean displacement within each tissue."""
+    error, size = (np.linalg.norm(values, axis=-1) for values in (field - reference, reference))
+    moves = size > 0
+    return {
+        tissue: float(error[here].mean() / size[here].mean())
+        for label, tissue in enumerate(TISSUES[name])
+        if (here := moves & (labels == label)).any()
+    }
+
+
+def _slice(field: Array) -> list[list[float]]:
+    """Length of a displacement on the middle plane across the last axis."""
+    size = np.linalg.norm(field[:, :, field.shape[2] // 2], axis=-1)
+    return [[float(f"{value:.{_DIGITS - 1}e}") for value in line] for line in size]
