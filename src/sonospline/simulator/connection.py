@@ -72,8 +72,7 @@ class Connection:
         self._mesh_at = -1.0
         self._refusals: deque[float] = deque(maxlen=MOST_REFUSALS)
         self._arrivals: deque[float] = deque(maxlen=MOST_MESSAGES_S)
-        self.busy_at = time.monotonic()
-        """When the client last asked for something."""
+        self._busy_at = time.monotonic()
 
     async def open(self) -> None:
         """Greet the client and load the first scene."""
@@ -86,6 +85,11 @@ class Connection:
             self._loading.cancel()
             await asyncio.gather(self._loading, return_exceptions=True)
         await self._end()
+
+    def idle_s(self) -> float:
+        """Return how long ago the client last asked for something; 0 while a scene is loading."""
+        loading = self._loading is not None and not self._loading.done()
+        return 0.0 if loading else time.monotonic() - self._busy_at
 
     async def take(self, text: str | None) -> None:
         """Do what a message says, or refuse it.
@@ -101,7 +105,7 @@ class Connection:
                 raise MessageError("message", "is binary; send JSON text")
             message = messages.parse(text)
             if not isinstance(message, messages.Drawn):
-                self.busy_at = time.monotonic()
+                self._busy_at = time.monotonic()
             self._do(message)
         except MessageError as error:
             self._refuse(error.what, str(error), seq=error.seq)
@@ -215,7 +219,7 @@ class Connection:
             await asyncio.to_thread(runner.close)
 
     def _start(self, name: str, session: Session) -> None:
-        self._session = session
+        self._session, self._busy_at = session, time.monotonic()
         self._flying.clear()
         self._of_older_scenes = self._frames
         self._sent_field = session.rest

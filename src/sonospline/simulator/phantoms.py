@@ -18,6 +18,8 @@ _GEL_BLOCK_MM = (120.0, 60.0, 70.0)
 _VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12}
 _CUBE_MM = 100.0
 _SHEETS_MM, _SHEET_MM = 20.0, 0.6
+_BESIDE_MM = 60.0
+"""Of the cube's acoustic scene beyond its pinned sides, where nothing moves: the fan is wider than the cube."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,15 +59,16 @@ def gel_block(voxel_mm: float) -> Phantom:
 
 def cube(voxel_mm: float) -> Phantom:
     """Return the paper's cube at 100 mm a side, with thin sheets to see it deform by."""
-    labels = _blank((_CUBE_MM,) * 3, voxel_mm)
-    for axis, place in enumerate(_axes(labels, voxel_mm)):
-        if axis != 2:  # the sheets stand square to the image of the middle plane
-            off = np.abs((place + _SHEETS_MM / 2) % _SHEETS_MM - _SHEETS_MM / 2)
-            labels[np.broadcast_to((off <= _SHEET_MM / 2) & (place > 1) & (place < _CUBE_MM - 1), labels.shape)] = 1
-    scene = Scene(_volume(labels, voxel_mm), {0: "liver", 1: "fascia"})  # type: ignore[dict-item]
+    wide = (_CUBE_MM, _CUBE_MM + 2 * _BESIDE_MM, _CUBE_MM)
+    labels = _blank(wide, voxel_mm)
+    for axis, place in enumerate(_axes(labels, voxel_mm)[:2]):  # square to the image of the middle plane
+        off = np.abs((place - axis * _BESIDE_MM + _SHEETS_MM / 2) % _SHEETS_MM - _SHEETS_MM / 2)
+        labels[np.broadcast_to((off <= _SHEET_MM / 2) & (place > 1), labels.shape)] = 1
+    tissues = {0: _like("liver", "tissue"), 1: _like("liver", "sheet", backscatter_db=14.0)}
+    scene = Scene(_volume(labels, voxel_mm, origin=(0, -_BESIDE_MM, 0)), tissues)
     target = np.array([0.6, 0.5, 0.5]) * _CUBE_MM
     return Phantom(
-        scene=scene, names={0: "soft_tissue", 1: "fascia"}, box=(np.zeros(3), np.full(3, _CUBE_MM)),
+        scene=scene, names={0: "tissue", 1: "sheet"}, box=(np.zeros(3), np.full(3, _CUBE_MM)),
         targets={"end of the path": target}, homogeneous=True,
     )  # fmt: skip
 
@@ -84,8 +87,8 @@ def _axes(labels: NDArray[np.uint8], voxel_mm: float) -> list[Array]:
     ]
 
 
-def _volume(labels: NDArray[np.uint8], voxel_mm: float) -> Volume:
-    return Volume(voxels=labels, spacing=(voxel_mm,) * 3)
+def _volume(labels: NDArray[np.uint8], voxel_mm: float, origin: tuple[float, float, float] = (0, 0, 0)) -> Volume:
+    return Volume(voxels=labels, spacing=(voxel_mm,) * 3, origin=np.array(origin, float))
 
 
 def _like(tissue: str, name: str, **changes: float) -> AcousticTissue:

@@ -69,7 +69,7 @@ class Runner:
     >>> from sonospline.simulator import Runner, SceneFile, Session
     >>> scene = SceneFile.parse('''name = "Small block"
     ... tissue = {source = "gel block", voxel_mm = 1.0, nodes = 5000}
-    ... probe = {kind = "linear", depth_mm = 50, lines = 64}
+    ... probe = {kind = "linear", frequency_mhz = 3, depth_mm = 40, lines = 64}
     ... needle = {u = -34, angle = 38}
     ... ''')
     >>> session, seen = Session(scene, model="paper"), threading.Event()

@@ -67,7 +67,8 @@ class ProbePart:
     name: str = told("what to call it", default="C5-2 curved")
     frequency_mhz: float = told("centre frequency", low=1.0, high=20.0, default=3.5)
     depth_mm: float = told("depth of the image", low=20.0, high=250.0, default=120.0)
-    focus_mm: float = told("depth where the slice is thinnest", low=5.0, high=250.0, default=65.0)
+    focus_mm: float | None = told("depth where the slice is thinnest; by default as the kind", low=5.0, high=250.0,
+                                  default=None)  # fmt: skip
     lines: int = told("beams", low=16, high=512, default=192)
     at: Triple | None = told("point of the skin it rests on, RAS mm; the middle of the face by default", default=None)
     right: Triple | None = told("world direction to the right in the image", default=None)

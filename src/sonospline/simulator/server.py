@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import threading
-import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -184,7 +184,7 @@ class Server:
                 logger.debug("a client left: %r", problem)
 
     async def _watch(self, connection: Connection) -> None:
-        while time.monotonic() - connection.busy_at < self.idle_s:
+        while connection.idle_s() < self.idle_s:
             await asyncio.sleep(min(_IDLE_CHECK_S, self.idle_s))
         raise MisbehaviourError(GOING_AWAY, "idle")
 
@@ -243,10 +243,10 @@ async def _hang_up(websocket: Any, problem: MisbehaviourError) -> None:
 
 
 def _listen(host: str, port: int) -> socket.socket:
+    if not 0 <= port < 65536:
+        raise ValueError(f"--port = {port} is out of range; give 0 to 65535")
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
-        if not 0 <= port < 65536 or isinstance(error, OverflowError):
-            raise ValueError(f"--port = {port} is out of range; give 0 to 65535") from None
-        reason = "is in use" if error.errno == 98 else f"cannot be listened on ({error.strerror})"
+        reason = "is in use" if error.errno == errno.EADDRINUSE else f"cannot be listened on ({error.strerror})"
         raise ValueError(f"--port = {port} on {host} {reason}; give another one, or 0 for any free one") from None

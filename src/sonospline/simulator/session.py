@@ -89,14 +89,15 @@ class Session:
     ... nodes = 5000
     ... [probe]
     ... kind = "linear"
-    ... depth_mm = 50
+    ... frequency_mhz = 3
+    ... depth_mm = 40
     ... lines = 64
     ... [needle]
     ... u = -34
     ... angle = 38
     ... ''')
     >>> session = Session(scene, model="paper")
-    >>> shot = session.step(session.wish.with_needle(depth=30))
+    >>> shot = session.step(session.wish.with_needle(depth=30.0))
     >>> shot.image.pixels.dtype.name, shot.readouts.depth, bool(shot.readouts.moved > 0.1)
     ('uint8', 30.0, True)
     >>> session.step(session.wish.with_needle(depth=0)).readouts.moved

@@ -117,6 +117,9 @@ def _contour(values: NDArray[np.float32], most: int) -> tuple[Array, Index]:
     edges.SetInputData(image)
     edges.SetValue(0, 0.5)
     edges.ComputeNormalsOff()
+    edges.Update()
+    if not edges.GetOutput().GetNumberOfPolys():  # thinner than the map resolves
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint32)
     smooth = vtkWindowedSincPolyDataFilter()
     smooth.SetInputConnection(edges.GetOutputPort())
     smooth.SetNumberOfIterations(_SMOOTHING_PASSES)
@@ -130,8 +133,6 @@ def _contour(values: NDArray[np.float32], most: int) -> tuple[Array, Index]:
         fewer.SetTargetReduction(1 - most / surface.GetNumberOfPoints())
         fewer.Update()
         surface = fewer.GetOutput()
-    if not surface.GetNumberOfPolys():
-        return np.zeros((0, 3)), np.zeros((0, 3), np.uint32)
     points = arrays.vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
     triangles = arrays.vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.uint32)
     return points, triangles

@@ -40,6 +40,8 @@ _PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": P
 _ECHOES = {"trocar": NeedleEcho.trocar, "steel-2mm": NeedleEcho.steel_2mm, "steel-1mm": NeedleEcho.steel_1mm}
 _MECHANICAL_VOXEL_MM = 2.0
 _OWN_SURFACES = 8
+_NETS = 2000
+"""Vertices left for the skin and the grid lines."""
 _COLOURS = ("#9c5247", "#b5483f", "#d8d4c6", "#d9b36c", "#7d8fa8", "#8aa37b", "#a889a8", "#b08968")
 
 
@@ -145,8 +147,8 @@ class _Maker:
         coarse = _coarser(made.scene.labels)
         tissues = None if made.homogeneous else TissueMap.named(coarse, made.names, self._materials())
         return _Matter(
-            grid=grid, see=self._synthetic(made.scene), targets=made.targets, tissues=tissues, labels=coarse,
-            names=made.names,
+            grid=grid, see=self._synthetic(made.scene), targets=made.targets, tissues=tissues,
+            labels=None if made.homogeneous else coarse, names=made.names,
         )  # fmt: skip
 
     def _labels(self) -> _Matter:
@@ -219,18 +221,15 @@ class _Maker:
         parts = self.spec.surfaces or _own_surfaces(matter.labels, matter.names)
         if not parts:
             return []
-        extra = len(surfaces.skin(matter.grid, self.spec.tissue.entry_face, SkinFrame.on_face(
-            matter.grid, self.spec.tissue.entry_face, at=None, right=None)).points) + 1500  # fmt: skip
-        share = (MOST_VERTICES - extra) // len(parts)
+        share = (MOST_VERTICES - _NETS) // len(parts)
         found = (surfaces.organ(matter.labels, dict(matter.names), part, most=share) for part in parts)
         return [mesh for mesh in found if mesh is not None]
 
 
 def _probe(spec: SceneFile) -> Probe:
     part = spec.probe
-    return _PROBES[part.kind](
-        frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, elevation_focus_mm=part.focus_mm, lines=part.lines
-    )
+    focus = {} if part.focus_mm is None else {"elevation_focus_mm": part.focus_mm}
+    return _PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
 
 
 def _start(spec: SceneFile, probe: Probe) -> Wish:
@@ -250,7 +249,7 @@ def _limits(spec: SceneFile, grid: Grid, frame: SkinFrame, probe: Probe, *, synt
     side = (float(u.min()), float(u.max())), (float(v.min()), float(v.max()))
     depth, f = probe.depth_mm, probe.frequency_mhz
     fixed = (f, f), (probe.elevation_focus_mm,) * 2
-    free = (max(1.0, 0.5 * f), 1.6 * f), (10.0, max(20.0, 1.5 * depth))
+    free = (max(1.0, 0.5 * f), 1.6 * f), (5.0, max(1.6 * depth, probe.elevation_focus_mm))
     frequency, focus = free if synthetic else fixed
     return Limits(
         needle={

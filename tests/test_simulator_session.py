@@ -1,0 +1,348 @@
+"""The session: what a wish becomes, the read-outs, passes, freeze, reset, and its thread."""
+
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from simulator_scenes import SMALL
+from sonospline.elastic import ElasticInsertion
+from sonospline.simulator import Runner, SceneFile, Session, World
+from sonospline.simulator.skin_frame import SkinFrame, room_along
+from sonospline.ultrasound import Ultrasound
+
+
+class Clock:
+    """Time that passes when told to."""
+
+    now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture(scope="module")
+def world():
+    return World.make(SceneFile.parse(SMALL))
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def session(world, clock):
+    return Session(world, clock=clock)
+
+
+def at_depth(session, depth):
+    return session.world.start.with_needle(depth=depth)
+
+
+def the_needle(world, wish):
+    entry = world.frame.entry(wish.needle)
+    return ss.Needle(entry, entry + wish.needle.depth * world.frame.direction(wish.needle))
+
+
+def test_the_needle_is_where_the_protocol_says(world):
+    wish = replace(world.start.needle, u=3.0, v=-2.0, angle=60.0, swing=10.0, depth=20.0)
+    frame = world.frame
+    assert frame.entry(wish) == pytest.approx([63, 32, 0])  # n = r x d = -y
+    c, s = np.cos(np.radians(10)), np.sin(np.radians(10))
+    assert frame.direction(wish) == pytest.approx([c * 0.5, -s, c * np.sqrt(3) / 2])
+
+
+def test_the_probe_is_where_the_protocol_says(world):
+    frame, probe = world.frame, world.start.probe
+    at_rest = frame.probe_to_reference(probe, 2.0)
+    assert at_rest[:3, 3] == pytest.approx(frame.origin + 2 * frame.depth)
+    assert at_rest[:3, :3] == pytest.approx(np.column_stack([frame.right, frame.depth, frame.out]))
+    moved = frame.probe_to_reference(replace(probe, slide=5.0, sweep=-3.0, rotate=30.0, fan=20.0), 0.0)
+    assert moved[:3, 3] == pytest.approx(frame.origin + 5 * frame.right - 3 * frame.out)
+    assert moved[:3, :3].T @ moved[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.linalg.det(moved[:3, :3]) == pytest.approx(1)
+    fanned = frame.probe_to_reference(replace(probe, fan=20.0), 0.0)
+    assert fanned[:3, 1] @ frame.out == pytest.approx(np.sin(np.radians(20)))  # towards +n
+
+
+def test_a_frame_refuses_a_direction_square_to_its_face():
+    with pytest.raises(ValueError, match="square to the entry face z-"):
+        SkinFrame.on_face(ss.Grid.unit_cube(5), "z-", at=None, right=(0, 0, 1))
+
+
+def test_room_is_counted_to_the_wall():
+    grid = ss.Grid.unit_cube(5)
+    assert room_along(grid, np.array([0, 0.5, 0.5]), np.array([1.0, 0, 0])) == pytest.approx(1)
+    slanted = np.array([0.6, 0.0, 0.8])
+    assert room_along(grid, np.array([0.7, 0.5, 0.0]), slanted) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("model", ["paper", "kelvinlet", "elastic"])
+def test_the_target_moves_as_the_library_computes(world, model):
+    """The issue's 0.01 mm, for the same pose, however the needle got there."""
+    session = Session(world, model=model)
+    for depth in (10.0, 30.0, 50.0, 41.0):
+        session.step(at_depth(session, depth))
+    shot = session.settle()
+    needle = the_needle(world, shot.wish)
+    if model == "elastic":
+        insertion = ElasticInsertion(world.tissue, world.tissues, nodes=world.spec.model.solver_nodes)
+        insertion.advance(needle)
+        field = insertion.settle(1e-5)
+    elif model == "kelvinlet":
+        field = ss.KelvinletInsertion(world.tissue).advance(needle)
+    else:
+        field = ss.Insertion(world.tissue).advance(needle)
+    moved = field.displacement(world.targets["vessel"][None])[0]
+    assert np.linalg.norm(moved) > 0.2
+    assert shot.target_now - shot.target_rest == pytest.approx(moved, abs=0.01)
+    assert shot.readouts.moved == pytest.approx(np.linalg.norm(moved), abs=0.01)
+    parts = [moved @ d for d in (world.frame.right, world.frame.depth, world.frame.out)]
+    assert shot.readouts.moved_parts == pytest.approx(parts, abs=0.01)
+    to_target = np.linalg.norm(world.targets["vessel"] + moved - needle.tip)
+    assert shot.readouts.tip_to_target == pytest.approx(to_target, abs=0.01)
+
+
+def test_pulling_back_returns_to_rest(session):
+    at_rest = session.step()
+    session.step(at_depth(session, 40.0))
+    out = session.step(at_depth(session, 0.0))
+    assert out.readouts.moved == 0
+    assert out.needle is None
+    assert (out.target_now == at_rest.target_now).all()
+    assert not out.field.values.any()
+
+
+def test_every_pixel_is_the_librarys(world):
+    session = Session(world)
+    session.step()
+    session.step(at_depth(session, 25.0))
+    session.settle()
+    wish = at_depth(session, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
+    shot = session.step(wish)
+    pose = world.frame.probe_to_reference(wish.probe, world.spec.probe.press_mm)
+    scanner = Ultrasound(world.see(world.probe, pose)._scanner.scene, world.probe, pose, margin_mm=8.0)
+    scanner = scanner.with_display(gain_db=scanner.display.gain_db + 3.0)
+    field = ss.GridField.of(session._insertions["elastic"].field)
+    expected = scanner.render(field, the_needle(world, wish), frame=shot.number).frame
+    assert (shot.image.pixels == expected.pixels).all()
+    assert shot.image.pixels.std() > 5
+
+
+def test_probe_and_knobs_change_the_picture(session):
+    rest = session.step()
+    swept = session.step(session.wish.with_probe(sweep=4.0))
+    assert (swept.image.pixels != rest.image.pixels).mean() > 0.3
+    assert swept.readouts.out_of_plane == pytest.approx(-4.0)  # the tip stayed, the plane went towards the viewer
+    deeper = session.step(session.wish.with_image(depth=40.0, frequency=2.5, focus=15.0))
+    assert deeper.image.plane.spacing_mm[0] > rest.image.plane.spacing_mm[0]
+    louder = session.step(session.wish.with_image(gain=10.0))
+    assert louder.image.pixels.mean() > deeper.image.pixels.mean() + 5
+
+
+def test_what_is_physically_blocked_is_clamped(session):
+    long = session.step(at_depth(session, 80.0))
+    assert (long.blocked, long.wish.needle.depth) == ("end of needle", 80.0)
+    session.undo_pass()
+    steep = at_depth(session, 79.0).with_needle(angle=90.0)
+    through = session.step(steep)
+    assert through.blocked == "leaves the tissue"
+    assert through.wish.needle.depth == pytest.approx(70.0, abs=0.01)
+    assert session.world.tissue.grid.contains(through.tip).all()
+
+
+def test_a_needle_inside_keeps_its_entry_and_turns_a_little(session):
+    session.step(at_depth(session, 30.0))
+    shot = session.step(session.wish.with_needle(u=-20.0, angle=60.0))
+    assert shot.blocked == "needle inside"
+    assert (shot.wish.needle.u, shot.wish.needle.angle) == (-34.0, 43.0)
+    assert session.step(at_depth(session, 31.0).with_needle(angle=40.0)).blocked is None
+    out = session.step(session.wish.with_needle(u=-20.0, angle=60.0, depth=0.0))
+    assert (out.blocked, out.wish.needle.u, out.wish.needle.angle) == (None, -20.0, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [("needle", {"depth": float("nan")}), ("needle", {"u": 1e9}), ("probe", {"fan": 91.0}), ("image", {"depth": 0.0})],
+)
+def test_nonsense_is_refused_and_changes_nothing(session, part, change):
+    before = session.step(at_depth(session, 20.0))
+    with pytest.raises(ValueError, match=rf"{part}.{next(iter(change))} = .* is out of range; give"):
+        session.step(getattr(session.wish, f"with_{part}")(**change))
+    assert session.wish == before.wish
+    assert session.last is before
+
+
+def test_a_pass_is_counted(session, clock):
+    session.step()
+    for depth in (10.0, 20.0, 15.0):
+        clock.now += 1
+        shot = session.step(at_depth(session, depth).with_probe(sweep=0.0))
+    assert shot.figures.passes == 1
+    assert shot.figures.tip_path_mm == pytest.approx(15.0)
+    assert shot.figures.time_s == pytest.approx(2.0)
+    shot = session.step(session.wish.with_probe(sweep=-3.0))
+    assert shot.figures.max_off_plane_mm == pytest.approx(3.0)
+    session.step(at_depth(session, 0.0))
+    assert session.step(at_depth(session, 5.0)).figures.passes == 2
+
+
+def test_undo_takes_a_pass_back(session):
+    session.step(at_depth(session, 20.0))
+    first = session.step(at_depth(session, 0.0)).figures
+    session.step(at_depth(session, 35.0))
+    session.undo_pass()
+    shot = session.step()
+    assert shot.needle is None
+    assert (shot.figures.passes, shot.figures.tip_path_mm) == (first.passes, first.tip_path_mm)
+    session.undo_pass()
+    assert session.step().figures.passes == 0
+
+
+def test_freeze_holds_everything(session, clock):
+    session.step(at_depth(session, 20.0))
+    shot = session.step(at_depth(session, 20.0))
+    frozen = session.step(replace(at_depth(session, 40.0).with_probe(sweep=5.0), frozen=True))
+    assert frozen.wish == replace(shot.wish, frozen=True)
+    assert frozen.image is shot.image
+    clock.now += 50
+    again = session.step(replace(session.wish, frozen=False))
+    assert again.wish.needle.depth == 20.0
+    assert again.figures.time_s < 1  # frozen time does not count
+
+
+def test_a_reset_can_be_undone_for_a_while(session, clock):
+    moved = session.step(at_depth(session, 25.0).with_probe(sweep=2.0))
+    session.reset()
+    start = session.step()
+    assert start.wish == session.world.start
+    assert start.figures.passes == 0
+    clock.now += 7.9
+    session.restore()
+    back = session.step()
+    assert back.wish == moved.wish
+    assert back.figures.passes == 1
+    assert back.readouts.moved == pytest.approx(moved.readouts.moved, abs=0.1)
+    with pytest.raises(ValueError, match="no reset of the last 8 s"):
+        session.restore()
+    session.reset()
+    clock.now += 8.1
+    with pytest.raises(ValueError, match="no reset"):
+        session.restore()
+
+
+def test_models_switch_at_the_same_pose(session):
+    shots = {}
+    for model in ("elastic", "paper", "kelvinlet", "elastic"):
+        session.switch(model)
+        shots[model] = session.settle(at_depth(session, 36.0))
+    assert len({shot.wish for shot in shots.values()}) == 1
+    assert len({round(shot.readouts.moved, 3) for shot in shots.values()}) == 3
+    assert shots["paper"].readouts.estimate is None
+    assert 0 < shots["elastic"].readouts.estimate < 1e-3
+    with pytest.raises(ValueError, match="model = 'magic' is not known; choose one of paper"):
+        session.switch("magic")
+
+
+def test_targets_are_chosen(session):
+    session.choose_target("beside")
+    shot = session.step(at_depth(session, 30.0))
+    assert shot.target_rest == pytest.approx([70, 34, 20])
+    with pytest.raises(ValueError, match="target = 'nowhere' is not known"):
+        session.choose_target("nowhere")
+
+
+def test_folding_tissue_is_seen(world):
+    from sonospline.simulator.folding import folds
+
+    grid, needle = world.tissue.grid, the_needle(world, world.start.with_needle(depth=30.0))
+    values = np.zeros((*grid.shape, 3), np.float32)
+    assert not folds(ss.GridField(grid, values), needle)
+    node = np.rint(grid.local(needle.tip[None])[0] / grid.spacing).astype(int)
+    values[tuple(node)][0] = 1.2 * grid.spacing[0]
+    assert folds(ss.GridField(grid, values), needle)
+
+
+def wait_for(condition, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return condition()
+
+
+def test_the_newest_wish_wins_and_commands_keep_their_place(session):
+    """Wishes asked for while a picture is made are forgotten but for the last; an undo is not overtaken."""
+    shots, gate = [], threading.Event()
+
+    def deliver(shot, stamp):
+        shots.append((stamp.seq, shot.wish.needle.depth))
+        if stamp.seq:
+            gate.wait(20)
+
+    with Runner(session, deliver) as runner:
+        runner.ask(at_depth(session, 1.0), 1)
+        assert wait_for(lambda: shots and shots[-1][0] == 1)
+        for seq in range(2, 30):
+            runner.ask(at_depth(session, float(seq)), seq)
+        runner.do(Session.undo_pass)
+        runner.ask(at_depth(session, 7.0), 30)
+        gate.set()
+        assert wait_for(lambda: any(seq == 30 for seq, _ in shots))
+    seen = [seq for seq, _ in shots]
+    assert seen == sorted(seen)
+    assert {1, 29, 30} <= set(seen) <= {0, 1, 29, 30}
+    assert dict(shots)[30] == 7.0
+    assert session.last.figures.passes == 1  # the first pass was undone
+
+
+def test_a_step_that_fails_leaves_the_last_picture(session, monkeypatch, caplog):
+    shots, complaints = [], []
+    with Runner(session, lambda shot, stamp: shots.append(shot), complain=complaints.append) as runner:
+        runner.ask(at_depth(session, 20.0), 1)
+        assert wait_for(lambda: shots and shots[-1].wish.needle.depth == 20 and shots[-1].settled)
+        good = session.last
+        insertion = session._insertion()
+        with monkeypatch.context() as broken:
+            broken.setattr(insertion, "advance", lambda needle: 1 / 0)
+            runner.ask(at_depth(session, 30.0), 2)
+            assert wait_for(lambda: complaints)
+        assert session.wish.needle.depth == 20
+        assert session.last.field is good.field
+        runner.ask(at_depth(session, 30.0), 3)
+        assert wait_for(lambda: session.wish.needle.depth == 30)
+    assert complaints == ["division by zero"]
+    assert "the last picture stays" in caplog.text
+
+
+def test_a_frozen_session_sends_nothing(session):
+    shots = []
+    with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
+        runner.ask(at_depth(session, 20.0), 1)
+        assert wait_for(lambda: shots and shots[-1].settled and shots[-1].wish.needle.depth == 20)
+        runner.ask(replace(session.wish, frozen=True), 2)
+        assert wait_for(lambda: shots[-1].wish.frozen)
+        count = len(shots)
+        time.sleep(0.4)
+        assert len(shots) == count
+        runner.ask(replace(session.wish, frozen=False), 3)
+        assert wait_for(lambda: len(shots) > count + 2)  # noise lives again
+
+
+def test_elastic_tissue_comes_to_rest_by_itself(session):
+    shots = []
+    with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
+        runner.ask(at_depth(session, 45.0), 1)
+        assert wait_for(lambda: shots and shots[-1].wish.needle.depth == 45 and shots[-1].settled)
+    assert shots[-1].readouts.estimate <= 5e-4
+
+
+def test_no_thread_is_left(session):
+    before = set(threading.enumerate())
+    with Runner(session, lambda shot, stamp: None) as runner:
+        runner.ask(at_depth(session, 5.0), 1)
+        assert len(threading.enumerate()) == len(before) + 1
+    assert set(threading.enumerate()) == before
