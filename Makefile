@@ -6,13 +6,41 @@ SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard src/sonospli
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: run test lint types check docs bench fenicsx clean
+# The page of the simulator, built into the package; without npm the server says what is missing.
+PAGE := src/sonospline/simulator/page/index.html
+PAGE_SOURCES := $(wildcard web/*.json web/*.ts web/*.html web/src/* web/src/*/*)
 
-run: .venv/run.stamp  ## push a needle into the generated phantom and say where the picture is
+.PHONY: run demo test web web-test lint types check docs bench tour fenicsx clean
+
+run: .venv/run.stamp web  ## the live simulator; it prints the address to open
+	$(BIN)/sonospline serve
+
+demo: .venv/run.stamp  ## push a needle into the generated phantom and say where the picture is
 	$(BIN)/sonospline insert --out $(OUT)
 
-test: lint types docs .venv/dev.stamp  ## everything CI runs
+test: lint types docs web web-test .venv/dev.stamp  ## everything CI runs
 	$(BIN)/pytest -n 2
+
+ifneq ($(shell command -v npm),)
+web: $(PAGE)  ## the page, where npm is at hand
+
+web-test: web/node_modules/.stamp
+	cd web && npm run --silent types && npm run --silent test
+else
+web web-test:
+	@echo "npm was not found: the page is not built or tested here (Debian, Ubuntu: apt install npm)" >&2
+endif
+
+web/node_modules/.stamp: web/package.json
+	cd web && npm install --silent --no-audit --no-fund
+	touch $@
+
+$(PAGE): web/node_modules/.stamp $(PAGE_SOURCES)
+	cd web && npm run --silent build -- --logLevel warn
+	touch $@
+
+tour: .venv/dev.stamp web  ## the screenshots of docs/tour.md, by the browser tests
+	SONOSPLINE_SCREENSHOTS=docs/images/tour SONOSPLINE_REQUIRE_BROWSER=1 $(BIN)/pytest tests/test_page.py -k pictures
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .
@@ -52,4 +80,4 @@ fenicsx:  ## the paper's finite element engine, for the system's Python (Debian,
 	touch $@
 
 clean:
-	rm -rf .venv build docs/_build $(OUT)
+	rm -rf .venv build docs/_build web/node_modules src/sonospline/simulator/page $(OUT)

@@ -1,0 +1,168 @@
+"""What the browser tests share: a server, a browser, and a page with everything it said and was sent."""
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sonospline.simulator.server import PAGE
+
+REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
+PATIENCE_MS = 60_000
+"""Machines are shared: a page that is slow is not a page that is wrong."""
+
+# Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster
+# than through a simulated card. The 3-D view keeps its WebGL.
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
+
+PAD = """
+window.pad = {id: "stub", index: 0, connected: true, mapping: "standard", timestamp: 0, axes: [0, 0, 0, 0],
+              buttons: Array.from({length: 17}, () => ({pressed: false, touched: false, value: 0}))};
+navigator.getGamepads = () => [window.plugged ? window.pad : null, null, null, null];
+"""
+
+
+def lacking(what):
+    """Skip a browser test, saying why; where browser tests are demanded it fails."""
+    if REQUIRED:
+        pytest.fail(what)
+    pytest.skip(what)
+
+
+@contextmanager
+def chromium():
+    """A headless Chromium of the system's."""
+    playwright = pytest.importorskip("playwright.sync_api") if not REQUIRED else __import__("playwright.sync_api")
+    sync_playwright = getattr(playwright, "sync_api", playwright).sync_playwright
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        lacking("Chromium was not found (Debian: apt install chromium)")
+    if not (PAGE / "index.html").is_file():
+        lacking("the page was not built (make web)")
+    with sync_playwright() as player:
+        browser = player.chromium.launch(executable_path=program, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def serving(*options):
+    """A simulator in a process of its own; yields its address."""
+    command = [sys.executable, "-m", "sonospline", "serve", "--port", "0", "--json", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield json.loads(process.stdout.readline())["address"]
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+class Driver:
+    """A page, what it requested, what it complained of, and the frames it was sent."""
+
+    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query=""):
+        width, height = size
+        self.context = browser.new_context(
+            viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, reduced_motion="reduce"
+        )
+        self.context.add_init_script(PAD)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.complaints, self.requests, self.frames = [], [], []
+        self.page.on("console", lambda said: said.type == "error" and self.complaints.append(said.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("websocket", lambda socket: self._overhear(socket, listen))
+        self.address = address
+        self.page.goto(address + query)
+
+    def _overhear(self, socket, listen):
+        self.requests.append(socket.url)
+        if listen:
+            socket.on("framereceived", lambda payload: isinstance(payload, bytes) and self._keep(payload))
+
+    def _keep(self, payload):
+        if payload[0] != 1:
+            return
+        length = int.from_bytes(payload[4:8], "little")
+        header = json.loads(payload[8 : 8 + length])
+        count = header["rows"] * header["columns"]
+        pixels = np.frombuffer(payload, np.uint8, count, 8 + length).reshape(header["rows"], header["columns"])
+        self.frames.append((header, pixels))
+
+    def live(self):
+        """Wait for the first image."""
+        self.until("document.body.dataset.status === 'live'")
+        return self
+
+    def until(self, expression):
+        self.page.wait_for_function(expression)
+
+    def evaluate(self, expression):
+        return self.page.evaluate(expression)
+
+    def value(self, name):
+        """The unrounded value of a read-out."""
+        return float(self.page.locator(f"#read-{name}").get_attribute("data-value"))
+
+    def knob(self, axis):
+        """The unrounded value of a stepper."""
+        return float(self.page.locator(f"[data-axis={axis}]:visible").get_attribute("data-value"))
+
+    def hold(self, key, until):
+        self.page.keyboard.down(key)
+        self.until(until)
+        self.page.keyboard.up(key)
+
+    def settled(self):
+        """Wait until the read-outs have stood still for half a second."""
+        self.evaluate(
+            """() => new Promise((done) => {
+                let [before, since] = ["", performance.now()];
+                const look = () => {
+                    const now = [...document.querySelectorAll("output[data-value].number")].map((o) => o.dataset.value).join();
+                    if (now !== before) [before, since] = [now, performance.now()];
+                    if (performance.now() - since > 500) done(); else setTimeout(look, 50);
+                };
+                look();
+            })"""
+        )
+
+    def drawn(self):
+        """The frame on the screen: its number and its grey values."""
+        number, columns, data = self.evaluate(
+            """() => {
+                const canvas = document.querySelector("canvas.picture");
+                const {width, height} = canvas;
+                const rgba = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+                let text = "";
+                for (let k = 0; k < rgba.length; k += 4) text += String.fromCharCode(rgba[k]);
+                return [Number(canvas.dataset.frame), width, btoa(text)];
+            }"""
+        )
+        return number, np.frombuffer(base64.b64decode(data), np.uint8).reshape(-1, columns)
+
+    def view3d(self):
+        """A picture of the 3-D view."""
+        return self.page.locator(".view-pane").screenshot()
+
+    def picture(self, name):
+        """Keep a picture of the page where pictures are asked for."""
+        folder = os.environ.get("SONOSPLINE_SCREENSHOTS")
+        if folder:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            self.page.screenshot(path=Path(folder) / f"{name}.png")
+
+    def finish(self):
+        """Nothing left the machine, nothing was complained of."""
+        own = self.address.split("//")[1].split("/")[0]
+        assert {url.split("//")[1].split("/")[0] for url in self.requests} == {own}
+        assert self.complaints == [], self.complaints
+        self.context.close()
