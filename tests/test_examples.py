@@ -18,6 +18,7 @@ def test_every_example_is_tested():
         "02_warp_an_image.py",
         "03_choose_a_reading.py",
         "04_see_a_needle.py",
+        "05_drive_the_simulator.py",
     ]
 
 
@@ -36,3 +37,7 @@ def test_choose_a_reading():
 
 def test_see_a_needle():
     assert run("04_see_a_needle.py")["calyx_shift"] == pytest.approx(2.699, abs=0.01)
+
+
+def test_drive_the_simulator():
+    assert run("05_drive_the_simulator.py")["vessel_moved"] == pytest.approx(0.68, abs=0.02)

@@ -429,6 +429,23 @@ def test_eight_clients_and_one_too_many():
     assert not [thread for thread in left if thread.name.startswith("sonospline")]
 
 
+def test_a_client_that_does_not_read_is_hung_up_on():
+    """Its answers fill the socket, then the outbox; then that is enough."""
+    from sonospline.simulator.connection import Connection
+
+    async def fill():
+        outbox = asyncio.Queue(4)
+        connection = Connection(Library(), outbox)
+        for _ in range(4):
+            connection._tell({"type": "model", "model": "paper"})
+        assert not connection.deaf
+        connection._tell({"type": "model", "model": "paper"})
+        assert connection.deaf
+        assert outbox.qsize() == 4
+
+    asyncio.run(fill())
+
+
 def test_a_client_that_vanishes_leaves_nothing(running):
     sessions = [thread for thread in threading.enumerate() if thread.name == "sonospline-session"]
     client = Client(running).__enter__().ready()
@@ -536,3 +553,32 @@ def test_frames_decode_in_an_event_loop_too(running):
 
     _, header, payload = asyncio.run(asyncio.wait_for(first(), 60))
     assert wire.read_pixels(header, payload).shape == (header["rows"], header["columns"])
+
+
+def test_rough_use_leaves_the_server_well(tmp_path):
+    """Seconds of what benchmarks/ten_minutes_of_use_leave_memory_flat.py does for ten minutes."""
+    from sonospline.benchmark.soak import soak
+
+    scene = tmp_path / "small.toml"
+    scene.write_text(SMALL_PAPER)
+    result = soak(str(scene), 6.0, visit_s=1.5)
+    assert result["visits"] >= 3
+    assert result["frames"] > 20
+    assert (result["out_of_order"], result["refused"], result["faults"]) == (0, [], [])
+    assert result["threads"]["after"] <= result["threads"]["before"]
+
+
+def test_the_live_benchmark_measures_and_judges(tmp_path, capsys):
+    scene = tmp_path / "small.toml"
+    scene.write_text(SMALL_PAPER.replace("length_mm = 80.0", "length_mm = 120.0"))
+    out = tmp_path / "bench"
+    assert cli.main(["bench", "--live", "--scene", str(scene), "--seconds", "3", "--out", str(out), "--json"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    assert results == json.loads((out / "live.json").read_text())
+    assert results["out_of_order"] == 0
+    assert results["latency"]["server_ms"]["frames"] > 5
+    figures = {claim["claim"]: claim for claim in results["claims"]}
+    median = figures["pose to encoded frame, median, ms"]
+    assert median["figure"] == results["latency"]["server_ms"]["median"]
+    assert median["kept"] == (median["figure"] <= 20)
+    assert "| server ms |" in (out / "live.md").read_text()

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from .. import _core, _validate
-from ..benchmark import claims, machine, report, suite
+from ..benchmark import claims, live, machine, report, suite
 from ..io.staging import staged_folder
 from ._progress import say
 
-HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run"
+HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run, or the live simulator"
 EXAMPLES = """examples:
   sonospline bench --out bench              # everything, about ten minutes
   sonospline bench --quick --out bench      # 25^3 only, no long peers, half a minute
+  sonospline bench --live --out bench       # the simulator's latency: a scripted insertion through its WebSocket
   sonospline bench --json --out bench | python -m json.tool
 
 Peers are optional: pip install 'sonospline[bench]'. One that is absent is a row that says so.
@@ -29,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="processors to hold the run to (2)")
     parser.add_argument("--rounds", type=int, default=5, metavar="N", help="turns of each contender (5)")
     parser.add_argument("--quick", action="store_true", help="small sizes only: a check, not a measurement")
+    parser.add_argument("--live", action="store_true", help="measure the live simulator's latency instead")
+    parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help="its scene (kidney)")
+    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long to measure it (12)")
     parser.add_argument("--json", action="store_true", help="print the results as JSON on stdout")
     parser.add_argument("--quiet", action="store_true", help="say nothing meanwhile")
 
@@ -39,6 +43,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rounds = _validate.count("--rounds", args.rounds)
     if _core.backend() != "core":
         raise RuntimeError("the compiled core is not in use, so there is nothing to race; see sonospline doctor")
+    if args.live:
+        return _live(args, processors)
     with staged_folder(args.out) as folder:
         measure = _measure_quick if args.quick else _measure
         before = machine.processor_ticks()
@@ -53,8 +59,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what a person wants to see first."""
+    if args.live:
+        return f"{live.report(results)}\n\neverything: {args.out / 'live.json'}"
     shown = report.claims(results["claims"]) if results["claims"] else report.tables(results)
     return f"{shown}\n\neverything: {args.out / 'bench.md'}, picture: {args.out / 'cost.png'}"
+
+
+def _live(args: argparse.Namespace, processors: list[int]) -> dict[str, Any]:
+    seconds = _validate.number("--seconds", args.seconds, positive=True)
+    with staged_folder(args.out) as folder:
+        before = machine.processor_ticks()
+        results = {"machine": machine.describe(processors), **live.measure(args.scene, seconds)}
+        results["machine"]["withheld"] = machine.withheld_since(before)
+        (folder / "live.json").write_text(json.dumps(results, indent=2) + "\n")
+        (folder / "live.md").write_text(live.report(results) + "\n")
+    return results
 
 
 def _measure(rounds: int, tell: Callable[[str], None]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import time
@@ -28,6 +29,7 @@ logger = logging.getLogger(__name__)
 IN_FLIGHT = 2
 """Frames sent and not yet drawn, at most."""
 MESH_HZ = 15.0
+_POLL_S = 0.005
 MOST_MESSAGES_S = 240
 MOST_REFUSALS, REFUSALS_S = 20, 10.0
 POLICY, GOING_AWAY = 1008, 1001
@@ -73,6 +75,8 @@ class Connection:
         self._refusals: deque[float] = deque(maxlen=MOST_REFUSALS)
         self._arrivals: deque[float] = deque(maxlen=MOST_MESSAGES_S)
         self._busy_at = time.monotonic()
+        self.deaf = False
+        """Whether the client left more messages unread than are kept for it."""
 
     async def open(self) -> None:
         """Greet the client and load the first scene."""
@@ -201,7 +205,7 @@ class Connection:
             self._from_thread({"type": "loading", "scene": name, "name": self._library.title(name), "share": share})
 
         try:
-            session = await asyncio.to_thread(self._library.session, name, text, progress)
+            session = await asyncio.wrap_future(self._library.order(name, text, progress))
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -216,7 +220,9 @@ class Connection:
     async def _end(self) -> None:
         runner, self._runner, self._session = self._runner, None, None
         if runner is not None:
-            await asyncio.to_thread(runner.close)
+            runner.stop()
+            while runner.alive:  # it is in the middle of a step
+                await asyncio.sleep(_POLL_S)
 
     def _start(self, name: str, session: Session) -> None:
         self._session, self._busy_at = session, time.monotonic()
@@ -224,7 +230,7 @@ class Connection:
         self._of_older_scenes = self._frames
         self._sent_field = session.rest
         self._tell(wire.scene(name, session))
-        self._outbox.put_nowait(wire.geometry(session.world))
+        self._put(wire.geometry(session.world))
         self._runner = Runner(
             session, partial(self._deliver, session.world), complain=self._complain, ready=self._may_send
         )
@@ -242,7 +248,7 @@ class Connection:
             grid=positions is not None and self._sent_grid, server_ms=server_ms,
         )  # fmt: skip
         self._flying.append(self._frames)
-        self._loop.call_soon_threadsafe(self._outbox.put_nowait, encoded)
+        self._call(self._put, encoded)
 
     def _positions(self, world: World, shot: Shot) -> NDArray[np.float32] | None:
         """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
@@ -257,10 +263,21 @@ class Connection:
         self._from_thread({"type": "notice", "level": "fault", "message": line})
 
     def _from_thread(self, message: dict[str, Any]) -> None:
-        self._loop.call_soon_threadsafe(self._tell, message)
+        self._call(self._tell, message)
+
+    def _call(self, function: Callable[[Any], None], message: Any) -> None:
+        """Have something done in the socket's loop; nothing where that has ended."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(function, message)
 
     def _tell(self, message: dict[str, Any]) -> None:
-        self._outbox.put_nowait(json.dumps(message, allow_nan=False))
+        self._put(json.dumps(message, allow_nan=False))
+
+    def _put(self, message: str | bytes) -> None:
+        try:
+            self._outbox.put_nowait(message)
+        except asyncio.QueueFull:
+            self.deaf = True
 
     def _refuse(
         self, what: str, problem: str, *, seq: int | None = None, file: str | None = None, line: int | None = None

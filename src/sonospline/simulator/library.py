@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import threading
+import logging
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +17,8 @@ from .session import Session
 from .world import World
 
 Progress = Callable[[float], None]
+
+logger = logging.getLogger(__name__)
 
 _KEPT = 2
 """Worlds kept: one may be hundreds of megabytes."""
@@ -45,9 +48,10 @@ class Library:
         self.scenes: dict[str, Entry] = {**(own or {}), **{k: v for k, v in shipped.items() if k not in (own or {})}}
         self.first = next(iter(self.scenes)) if first is None else first
         self._worlds: OrderedDict[str, World] = OrderedDict()
-        self._making = threading.Lock()
         self._prepared: Session | None = None
         self._waiting: list[Progress] = []
+        # One thread makes scenes, one after the other: two at once would take the machine from sessions that run.
+        self._maker = ThreadPoolExecutor(1, "sonospline-scenes")
 
     def hello(self) -> dict[str, Any]:
         """Return the greeting."""
@@ -57,17 +61,16 @@ class Library:
         ]
         return wire.hello(version("sonospline"), scenes, self.first)
 
-    def prepare(self) -> None:
-        """Make the first scene and its first picture before anybody asks."""
-        with self._making:
-            self._prepared = self._make(self.first, None, self._pass_on)
-
     def title(self, name: str) -> str:
         """Return what a scene calls itself; of a file that was not read yet, its name."""
         return self.scenes[name].spec.name if name in self.scenes else name
 
-    def session(self, name: str, text: str | None, progress: Progress) -> Session:
-        """Return a new session of a scene, its first picture made.
+    def prepare(self) -> None:
+        """Begin to make the first scene and its first picture before anybody asks."""
+        self._maker.submit(self._prepare)
+
+    def order(self, name: str, text: str | None, progress: Progress) -> Future[Session]:
+        """Return a new session of a scene, its first picture made, once it is there.
 
         Parameters
         ----------
@@ -76,26 +79,38 @@ class Library:
         text : str or None
             A scene file from outside: files it names must lie in the folder the server was started in.
         progress : callable
-            Told the share done, from the calling thread.
+            Told the share done, from another thread.
 
         Raises
         ------
         ValueError
-            A scene that cannot be made.
+            By the future: a scene that cannot be made.
         """
-        if text is None and name == self.first:
-            self._waiting.append(progress)
-            with self._making:
-                self._waiting.remove(progress)
-                prepared, self._prepared = self._prepared, None
-            if prepared is not None:
-                return prepared
-        with self._making:  # one at a time: two at once would take the machine from the sessions that run
-            return self._make(name, text, progress)
+        self._waiting.append(progress)
+        future = self._maker.submit(self._deliver, name, text, progress)
+        future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
+        return future
+
+    def close(self) -> None:
+        """End the thread that makes scenes, once the one in work is made."""
+        self._maker.shutdown(cancel_futures=True)
+
+    def _prepare(self) -> None:
+        try:
+            self._prepared = self._make(self.first, None, self._pass_on)
+        except Exception as error:  # the first page is told why, when it asks
+            logger.warning("scene %s could not be made: %s", self.first, error)
 
     def _pass_on(self, share: float) -> None:
         for progress in tuple(self._waiting):
             progress(share)
+
+    def _deliver(self, name: str, text: str | None, progress: Progress) -> Session:
+        self._waiting.remove(progress)
+        if text is None and name == self.first and self._prepared is not None:
+            prepared, self._prepared = self._prepared, None
+            return prepared
+        return self._make(name, text, progress)
 
     def _make(self, name: str, text: str | None, progress: Progress) -> Session:
         session = Session(self._world(name, text, progress))

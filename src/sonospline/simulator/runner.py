@@ -123,11 +123,20 @@ class Runner:
         with self._changed:
             self._changed.notify()
 
-    def close(self) -> None:
-        """End the thread."""
+    def stop(self) -> None:
+        """Have the thread end after the step it is in."""
         with self._changed:
             self._closed = True
             self._changed.notify()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread still runs."""
+        return self._thread.is_alive()
+
+    def close(self) -> None:
+        """End the thread, and wait until it has ended."""
+        self.stop()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 

@@ -53,7 +53,8 @@ class NeedlePart:
 
     look: Literal["trocar", "steel-2mm", "steel-1mm"] = told("how it looks", default="trocar")
     length_mm: float = told("length from hub to tip", low=10.0, high=400.0, default=150.0)
-    u: float = told("entry to the right of the probe's place, mm", low=-500.0, high=500.0, default=50.0)
+    u: float | None = told("entry to the right of the probe's place, mm; half way to the edge by default", low=-500.0,
+                           high=500.0, default=None)  # fmt: skip
     v: float = told("entry towards the viewer, mm", low=-500.0, high=500.0, default=0.0)
     angle: float = told("to the right 0, straight down 90, to the left 180 degrees", low=5.0, high=175.0, default=120.0)
     swing: float = told("out of the image plane, degrees", low=-60.0, high=60.0, default=0.0)
@@ -71,7 +72,8 @@ class ProbePart:
                                   default=None)  # fmt: skip
     lines: int = told("beams", low=16, high=512, default=192)
     at: Triple | None = told("point of the skin it rests on, RAS mm; the middle of the face by default", default=None)
-    right: Triple | None = told("world direction to the right in the image", default=None)
+    right: Triple | None = told("world direction to the right in the image; along the face's longer side by default",
+                                 default=None)  # fmt: skip
     press_mm: float = told("how deep it is pressed in", low=0.0, high=30.0, default=0.0)
     slide: float = told("where it starts, mm to the right of its place", low=-300.0, high=300.0, default=0.0)
 

@@ -6,7 +6,6 @@ import asyncio
 import errno
 import logging
 import socket
-import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -129,22 +128,17 @@ class Server:
 
     @asynccontextmanager
     async def _life(self, app: Any) -> AsyncIterator[None]:
-        threading.Thread(target=self._prepare, name="sonospline-prepare", daemon=True).start()
+        self.library.prepare()
         watch = asyncio.create_task(self._tell_when_listening())
         yield
         watch.cancel()
         await asyncio.gather(*(connection.close() for connection in set(self.connections)))
+        self.library.close()
 
     async def _tell_when_listening(self) -> None:
         while not self._server.started:
             await asyncio.sleep(0.005)
         self._ready(self.address)
-
-    def _prepare(self) -> None:
-        try:
-            self.library.prepare()
-        except Exception as error:  # the first page is told why, in its own words
-            logger.error("scene %s could not be made: %s", self.library.first, error)
 
     async def _live(self, websocket: Any) -> None:
         await websocket.accept()
@@ -185,6 +179,8 @@ class Server:
 
     async def _watch(self, connection: Connection) -> None:
         while connection.idle_s() < self.idle_s:
+            if connection.deaf:
+                raise MisbehaviourError(POLICY, "messages are not read")
             await asyncio.sleep(min(_IDLE_CHECK_S, self.idle_s))
         raise MisbehaviourError(GOING_AWAY, "idle")
 

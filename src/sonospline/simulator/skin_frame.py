@@ -39,7 +39,7 @@ class SkinFrame:
 
     @classmethod
     def on_face(cls, grid: Grid, face: str, *, at: ArrayLike | None, right: ArrayLike | None) -> SkinFrame:
-        """Return the frame of a grid's face: below a point (its middle by default), along a direction.
+        """Return the frame of a grid's face: below a point (its middle), along a direction (its longer side).
 
         Raises
         ------
@@ -48,7 +48,7 @@ class SkinFrame:
         """
         axis, end = divmod(FACES.index(face), 2)
         depth = grid.direction[:, axis] * (-1.0 if end else 1.0)
-        along = grid.direction[:, (axis + 1) % 3] if right is None else np.asarray(right, float)
+        along = _longer_side(grid, axis) if right is None else np.asarray(right, float)
         across = along - (along @ depth) * depth
         if np.linalg.norm(across) < 1e-6 * max(1.0, float(np.linalg.norm(along))):
             raise ValueError(f"right = {along.tolist()} is square to the entry face {face}; give a direction along it")
@@ -97,3 +97,10 @@ def room_along(grid: Grid, entry: Array, direction: Array) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.where(step > 0, (grid.extent - start) / step, np.where(step < 0, -start / step, np.inf))
     return float(max(0.0, ends.min()))
+
+
+def _longer_side(grid: Grid, axis: int) -> Array:
+    """Direction of the longer side of the faces square to an axis, towards right, front or head."""
+    side = max((a for a in range(3) if a != axis), key=lambda a: float(grid.extent[a]))
+    along = grid.direction[:, side]
+    return along * np.sign(along[np.argmax(np.abs(along))])

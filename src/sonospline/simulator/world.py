@@ -129,8 +129,8 @@ class _Maker:
         probe = _probe(spec)
         targets = {part.name: np.array(part.at) for part in spec.targets} or dict(matter.targets)
         tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
-        start = _start(spec, probe)
         limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.synthetic)
+        start = _start(spec, probe, edge=limits.needle["u"][1])
         limits.check(start)
         meshes = (*self._organs(matter), surfaces.skin(matter.grid, spec.tissue.entry_face, frame))
         self.progress(0.9)
@@ -232,10 +232,10 @@ def _probe(spec: SceneFile) -> Probe:
     return _PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
 
 
-def _start(spec: SceneFile, probe: Probe) -> Wish:
-    part = spec.needle
+def _start(spec: SceneFile, probe: Probe, *, edge: float) -> Wish:
+    part, u = spec.needle, edge / 2 if spec.needle.u is None else spec.needle.u
     return Wish(
-        needle=NeedleWish(u=part.u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
+        needle=NeedleWish(u=u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
         probe=ProbeWish(slide=spec.probe.slide),
         image=ImageWish(
             gain=0.0, depth=probe.depth_mm, frequency=probe.frequency_mhz, focus=probe.elevation_focus_mm
