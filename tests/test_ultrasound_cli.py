@@ -28,6 +28,7 @@ def test_the_kidney_before_and_after(tmp_path, capsys):
     )
     assert 0.5 < report["max_displacement_mm"] < 5
     assert report["picture"][1] == 512
+    assert 0 < report["render_ms"] < report["first_ms"]
 
 
 @pytest.mark.slow

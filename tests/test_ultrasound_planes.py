@@ -222,6 +222,29 @@ def test_core_and_twin_cut_alike(block, block_field, block_plane, monkeypatch):
     assert (frames[0].pixels[both] != frames[1].pixels[both]).mean() < 0.03
 
 
+@pytest.mark.parametrize("back_end", BACK_ENDS, ids=lambda b: b.__name__.rpartition(".")[2])
+@pytest.mark.parametrize("pixel_mm", [0.15, 0.7])
+def test_pixels_show_the_voxel_that_the_inverse_map_brings_there(block, block_field, back_end, pixel_mm, monkeypatch):
+    """Images whose grey is the voxel's own index say where a pixel came from: to 0.02 of a voxel."""
+    from sonospline.volume import Volume
+
+    monkeypatch.setattr(_core, "active", back_end)
+    lattice = block.lattice
+    shape = (int(40 / pixel_mm), int(50 / pixel_mm))
+    plane = ImagePlane(
+        image_to_reference=facing((6, 20, 42), depth=(0, 1, 0), right=(1, 0, 0.2)), shape=shape, spacing_mm=pixel_mm
+    )
+    expected = lattice.local(block_field.inverse(plane.points)) / np.array(lattice.spacing)
+    for axis in range(3):
+        index = np.indices(block.voxels.shape, dtype=np.float32)[axis]
+        frame = Reslicer(Volume(voxels=index, spacing=lattice.spacing, origin=lattice.origin)).cut(plane, block_field)
+        wanted = np.clip(expected[:, axis], 0, block.voxels.shape[axis] - 1).reshape(shape)
+        error = np.abs(frame.pixels - wanted)[frame.mask]
+        assert frame.mask.mean() > 0.9
+        assert error.max() < 0.02
+        assert error.mean() < 0.002
+
+
 def test_a_plane_that_misses_is_black_and_warned_of(block, caplog):
     away = ImagePlane(
         image_to_reference=facing((0, 0, 500), depth=(0, 1, 0), right=(1, 0, 0)), shape=(20, 20), spacing_mm=1

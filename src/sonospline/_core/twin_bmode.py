@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .twin_sampling import sample_lattice
-
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _BIN_PAD = 64
-_INVERSE_STEPS = 2
 _MOST_LOSS_DB = 60.0
 _BLOCK = 65536  # scatterers at once
 
@@ -47,7 +44,9 @@ class BmodePlan:
         self.across = np.zeros((lines, rays))
         for tap in range(smoothing.shape[1]):
             self.across[np.arange(lines), smoothing_first + tap] += smoothing[:, tap]
-        self.pixel, self.fraction = pixel, fraction
+        self.seen = pixel >= 0
+        self.at = pixel[self.seen]
+        self.from_line, self.along = fraction[self.seen].T.astype(np.int32)
 
     def aim(
         self,
@@ -96,65 +95,86 @@ class BmodePlan:
         return iq, grey, self._picture(grey)
 
     def _polynomials(self, values: Floats, spacing: tuple[float, float, float]) -> Floats:
-        """Place in each cell (cells, 8, 3): coefficients of 1 u v w uv uw vw uvw; lateral, elevation, axial."""
-        flat = values.reshape(-1, 3)
-        first, step = self.nodes[:, 0], self.nodes[:, 1:].T
-        corner = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)]
-        c = np.stack([flat[first + np.dot(which, step)] for which in corner], axis=1)
+        """Place in each cell (3, 8, cells): lateral, elevation, axial; coefficients of 1 u v w uv uw vw uvw."""
+        corner = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)])
+        node = self.nodes[:, 0] + corner @ self.nodes[:, 1:].T
+        c = values.reshape(-1, 3).T[:, node]
         c[:, 7] += c[:, 1] + c[:, 2] + c[:, 3] - c[:, 0] - c[:, 4] - c[:, 5] - c[:, 6]
         c[:, 4] += c[:, 0] - c[:, 1] - c[:, 2]
         c[:, 5] += c[:, 0] - c[:, 1] - c[:, 3]
         c[:, 6] += c[:, 0] - c[:, 2] - c[:, 3]
         c[:, 1:4] -= c[:, :1]
-        c[:, 1:4] += np.diag(np.asarray(spacing, np.float32))
-        return c @ self.frames[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
+        for axis in range(3):
+            c[axis, 1 + axis] += np.float32(spacing[axis])
+        turn = self.frames[:, :9].T.reshape(3, 3, 1, -1)
+        return np.stack([row[0] * c[0] + row[1] * c[1] + row[2] * c[2] for row in turn])
+
+    def _heard(self, c: Floats) -> NDArray[np.bool_]:
+        """Which cells the slice meets, by their corners' elevation and range."""
+        variance, spread, focus, cut, _, depth, margin = self.geometry[3:10]
+        u, v, w = np.indices((2, 2, 2), np.float32).reshape(3, 8)
+        corners = np.stack([np.ones_like(u), u, v, w, u * v, u * w, v * w, u * v * w], axis=1)
+        elevation, further = corners @ c[1], corners @ c[2]
+        elevation += self.frames[:, 13]
+        nearest = np.maximum(np.maximum(elevation.min(axis=0), -elevation.max(axis=0)), 0)
+        range_mm = self.frames[:, 9]
+        most = cut * (variance + spread * (np.abs(range_mm - focus) + margin) ** 2)
+        heard: NDArray[np.bool_] = (nearest**2 < most) & (range_mm + further.min(axis=0) <= depth + margin)
+        return heard
 
     def _splat(self, values: Floats, spacing: tuple[float, float, float], echoes: Floats) -> NDArray[np.complex64]:
         """Every echo once, linearly between two lines and two half-samples."""
         row = 2 * self.samples + 2 * _BIN_PAD
-        grid = np.zeros((self.lines + 2) * row, np.complex128)
         polynomials = self._polynomials(values, spacing)
-        cell_of = np.repeat(np.arange(len(self.nodes)), np.diff(self.starts))
-        parts = [echoes.T.astype(np.float64)]
-        for at in range(0, len(cell_of), _BLOCK):
-            block = slice(at, at + _BLOCK)
-            parts.append(self._echoes(polynomials, cell_of[block], self.places[:, block], self.amplitude[block]))
-        for line, b, re, im in parts:
-            whole_line, whole_bin = np.floor(line), np.floor(b)
-            g, f = line - whole_line, b - whole_bin
-            here = (whole_line >= -1) & (whole_line < self.lines) & (whole_bin >= -_BIN_PAD)
-            here &= whole_bin < 2 * self.samples + _BIN_PAD - 2
-            g, f, value = g[here], f[here], (re + 1j * im)[here]
-            offset = ((whole_line[here] + 1) * row + whole_bin[here] + _BIN_PAD).astype(np.int64)
-            for side, half in np.ndindex(2, 2):
-                weight = value * (g if side else 1 - g) * (f if half else 1 - f)
-                index = offset + side * row + half
-                grid.real += np.bincount(index, weight.real, len(grid))
-                grid.imag += np.bincount(index, weight.imag, len(grid))
-        return grid.reshape(self.lines + 2, row)[1:-1].astype(np.complex64)
+        count = np.where(self._heard(polynomials), np.diff(self.starts), 0)
+        cell = np.repeat(np.arange(len(count), dtype=np.int32), count)
+        among = np.arange(len(cell)) + np.repeat(self.starts[:-1] - np.cumsum(count) + count, count)
+        blocks = (slice(at, at + _BLOCK) for at in range(0, len(cell), _BLOCK))
+        parts = [self._echoes(polynomials, cell[block], among[block]) for block in blocks]
+        line, b, re, im = (np.concatenate(kind) for kind in zip(echoes.T, *parts, strict=True))
+        whole_line, whole_bin = np.floor(line), np.floor(b)
+        here = (whole_line >= -1) & (whole_line < self.lines) & (whole_bin >= -_BIN_PAD)
+        here &= (whole_bin < 2 * self.samples + _BIN_PAD - 2) & ((re != 0) | (im != 0))
+        g, f = (line - whole_line)[here], (b - whole_bin)[here]
+        offset = (whole_line[here].astype(np.int64) + 1) * row + whole_bin[here].astype(np.int64) + _BIN_PAD
+        size = (self.lines + 2) * row
+        grid = np.empty(size, np.complex64)
+        for part, held in ((grid.real, re[here]), (grid.imag, im[here])):
+            right = held * g
+            sides = (held - right, right)
+            each = (w for side in sides for after in (side * f,) for w in (side - after, after))
+            sums = [np.bincount(offset, w, size) for w in each]
+            for total, moved in zip(sums[1:], (1, row, row + 1), strict=True):
+                sums[0][moved:] += total[:-moved]
+            part[:] = sums[0]
+        return grid.reshape(self.lines + 2, row)[1:-1]
 
-    def _echoes(self, polynomials: Floats, cell: NDArray[np.int64], place: Floats, amplitude: Floats) -> Any:
+    def _echoes(self, polynomials: Floats, cell: NDArray[np.int32], among: NDArray[np.int64]) -> Any:
         """Line, half-sample, real and imaginary part of some scatterers."""
-        to_line, cycles_per_mm, to_bin, variance, spread, focus, _, cut_weight = self.geometry[:8]
-        u, v, w = place[..., None]
-        c = polynomials[cell]
+        to_line, cycles_per_mm, to_bin, variance, spread, focus, _, cut_weight = (
+            np.float32(number) for number in self.geometry[:8]
+        )
+        u, v, w = self.places[:, among]
         across, elevation, further = (
-            ((c[:, 7] * w + c[:, 4]) * v + (c[:, 5] * w + c[:, 1])) * u
-            + ((c[:, 6] * w + c[:, 2]) * v + (c[:, 3] * w + c[:, 0]))
-        ).T
-        range0, line0, cycles0, reach, elevation0 = self.frames[cell, 9:14].T
+            ((c[7] * w + c[4]) * v + (c[5] * w + c[1])) * u + ((c[6] * w + c[2]) * v + (c[3] * w + c[0]))
+            for c in (axis[:, cell] for axis in polynomials)
+        )
+        range0, line0, cycles0, reach, elevation0 = self.frames[:, 9:14].T[:, cell]
         if self.curved:
             q = np.clip(across / (further + reach), -1, 1)
-            further = further + across * q / (1 + np.sqrt(1 + q * q))
+            further += across * q / (1 + np.sqrt(1 + q * q))
             across = np.arctan(q)
         range_mm = further + range0
-        squared = (elevation + elevation0) ** 2 / (variance + spread * (range_mm - focus) ** 2)
-        profile = np.maximum(np.exp(-0.5 * np.minimum(squared, 9.0)) - cut_weight, 0)
-        phase = -2 * np.pi * (further.astype(np.float64) * cycles_per_mm + cycles0)
+        elevation += elevation0
+        squared = elevation**2 / (variance + spread * (range_mm - focus) ** 2)
+        profile = np.maximum(np.exp(np.float32(-0.5) * np.minimum(squared, 9)) - cut_weight, 0)
+        cycles = further * cycles_per_mm + cycles0
+        cycles -= np.rint(cycles)
+        phase = np.float32(-2 * np.pi) * cycles
         line = np.clip(across * to_line + line0, -4, self.lines + 4)
         bins = np.clip(range_mm * to_bin, 2 - _BIN_PAD, 2 * self.samples + _BIN_PAD - 2)
-        size = amplitude * profile
-        return line.astype(np.float64), bins.astype(np.float64), size * np.cos(phase), size * np.sin(phase)
+        size = self.amplitude[among] * profile
+        return line, bins, size * np.cos(phase), size * np.sin(phase)
 
     def _axial(self, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
         half = len(self.axial) // 2
@@ -188,30 +208,48 @@ class BmodePlan:
 
     def _transmitted(self, values: Floats, spacing: tuple[float, float, float]) -> Array:
         """Amplitude left along each coarse beam (rays, ray_samples)."""
-        u = np.zeros((self.rays, 3))
-        db, left = np.zeros(self.rays), np.empty((self.rays, self.ray_samples))
-        last = None
-        for n in range(self.ray_samples):
-            p = self.ray_start + n * self.ray_step
-            for _ in range(_INVERSE_STEPS):
-                u = sample_lattice(values, spacing, p - u)
-            index = self.label_index[:, :3] @ (p - u).T + self.label_index[:, 3:] + 0.5
-            inside = ((index >= 0) & (index < np.array(self.labels.shape)[:, None])).all(axis=0)
-            label = np.where(inside, self.labels[tuple(np.where(inside, index, 0).astype(np.int64))], 0)
-            if last is not None:
-                z1, z2 = self.impedance[last], self.impedance[label]
-                db += np.minimum(_MOST_LOSS_DB, -20 * np.log10(4 * z1 * z2 / (z1 + z2) ** 2))
-            last = label
-            db += self.loss_db[label]
-            left[:, n] = 10 ** ((0.5 * self.loss_db[label] - db) / 20)  # to the sample's middle
-        return left
+        depth = np.arange(self.ray_samples)[:, None, None]
+        points = self.ray_start + depth * self.ray_step
+        places = self._inverse(values, spacing, points)
+        index = places @ self.label_index[:, :3].T + (self.label_index[:, 3] + 0.5)
+        inside = np.logical_and(index >= 0, index < np.array(self.labels.shape)).all(axis=-1, keepdims=True)
+        x, y, z = np.moveaxis(np.where(inside, index, 0).astype(np.int64), -1, 0)
+        label = np.where(inside[..., 0], self.labels[x, y, z], 0)
+        loss = self.loss_db[label].astype(np.float64)
+        z1, z2 = self.impedance[label[:-1]].astype(np.float64), self.impedance[label[1:]].astype(np.float64)
+        steps = np.minimum(_MOST_LOSS_DB, -20 * np.log10(4 * z1 * z2 / (z1 + z2) ** 2))
+        db = np.cumsum(loss, axis=0) - 0.5 * loss  # to the sample's middle
+        db[1:] += np.cumsum(steps, axis=0)
+        return np.asarray((10 ** (-db / 20)).T)
+
+    def _inverse(self, values: Floats, spacing: tuple[float, float, float], points: Array) -> Array:
+        """Where tissue came from at points (ray_samples, rays, 3), from where the last two samples lead."""
+        flat, shape = values.reshape(-1, 3), np.array(values.shape[:3])
+        strides = np.array([shape[1] * shape[2], shape[2], 1])
+        corners = np.array(list(np.ndindex(2, 2, 2))) @ strides
+        per_mm = 1 / np.array(spacing)
+        places = np.empty_like(points)
+        u, change = np.zeros(points.shape[1:]), np.zeros(points.shape[1:])
+        for n, p in enumerate(points):
+            before = u
+            index = np.minimum(np.maximum((p - before - change) * per_mm, 0), shape - 1)
+            cell = np.minimum(index.astype(np.int64), shape - 2)
+            x, y, z = (index - cell).T
+            low, high = 1 - z, z
+            weights = np.stack([(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y])
+            each = np.stack([weights * low, weights * high], axis=1).reshape(8, -1)
+            u = np.einsum("cr,rca->ra", each, flat[(cell @ strides)[:, None] + corners])
+            if n:
+                change = u - before
+            places[n] = p - u
+        return places
 
     def _picture(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        flat = grey.ravel().astype(np.int64)
-        at = np.maximum(self.pixel, 0)
-        across, along = np.moveaxis(self.fraction.astype(np.int64), -1, 0)
-        here = 256 * flat[at] + along * (flat[at + 1] - flat[at])
-        after = at + self.samples
-        beside = 256 * flat[after] + along * (flat[after + 1] - flat[after])
-        mixed = (256 * here + across * (beside - here) + 32768) >> 16
-        return np.where(self.pixel < 0, 0, mixed).astype(np.uint8)
+        flat = grey.ravel().astype(np.int32)
+        here, beside = (
+            256 * flat[at] + self.along * (flat[at + 1] - flat[at]) for at in (self.at, self.at + self.samples)
+        )
+        level = (256 * here + self.from_line * (beside - here) + 32768) >> 16
+        picture = np.zeros(self.seen.shape, np.uint8)
+        picture[self.seen] = level
+        return picture

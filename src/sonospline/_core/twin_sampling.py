@@ -92,7 +92,7 @@ def reslice(
     spacing: tuple[float, float, float],
     pixel: Array,
     voxels: NDArray[np.float32],
-    seen: NDArray[np.uint8],
+    seen: NDArray[np.uint8] | None,
     index: Array,
     shape: tuple[int, int],
     tolerance: float,
@@ -108,7 +108,8 @@ def reslice(
     last = np.array(voxels.shape)[:, None] - 1
     shown = ((at >= -0.5) & (at <= last + 0.5)).all(axis=0) & (iterations > 0)
     at = np.clip(at, 0, last)
-    shown &= seen[tuple(np.floor(at + 0.5).astype(np.int64))] > 0
+    if seen is not None:
+        shown &= seen[tuple(np.floor(at + 0.5).astype(np.int64))] > 0
     grey = np.where(shown, map_coordinates(voxels, at, order=1, mode="nearest"), 0)
     return grey.astype(np.float32).reshape(shape), shown.astype(np.uint8).reshape(shape)
 

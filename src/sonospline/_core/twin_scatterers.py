@@ -16,7 +16,7 @@ Words = NDArray[np.uint64]
 Echoes = tuple[NDArray[np.floating], Array]
 """Places (m, 3) in the scene's lattice frame in mm, and amplitudes (m,)."""
 
-_STRIP_LINES = 16
+_STRIP_LINES = 32
 _SLACK = 64
 _FULL = 32000
 _BRICK_BITS = 6

@@ -23,6 +23,7 @@ CUT_WEIGHT = float(np.exp(-(ELEVATION_CUT**2) / 2))
 RAYS, RAY_SAMPLES = 96, 256
 MARGIN_MM = 6.0
 
+_SILENT = 1e-5  # share of the beam's peak that is left out
 _POINTS_PER_BEAM = 8
 _LINES_BESIDE = 2  # beyond the outermost, whose echoes the beams still touch
 _APERTURE_RAYS = 1.6  # standard deviation, in coarse beams, of the aperture that blurs shadows
@@ -68,7 +69,8 @@ class Optics:
         )
         sigma = np.clip(sigma, 0.2, 12)  # a phased probe's lines meet at its apex
         half = int(np.ceil(_REACH * sigma.max()))
-        return np.exp(-0.5 * (np.arange(-half, half + 1)[:, None] / sigma) ** 2)
+        beam = np.exp(-0.5 * (np.arange(-half, half + 1)[:, None] / sigma) ** 2)
+        return np.where(beam > _SILENT, beam, 0)
 
     @cached_property
     def speckle_power(self) -> Array:

@@ -18,7 +18,7 @@ from .plane import ImagePlane
 logger = logging.getLogger(__name__)
 
 TOLERANCE = 0.01
-"""Last change of the inverse map, in units of the voxel; what is left is a tenth of it."""
+"""Of the inverse map, in units of the voxel: its last change, and how far it may bend between four pixels."""
 _MOST_ITERATIONS = 30
 
 
@@ -79,7 +79,7 @@ class Reslicer:
             raise ValueError(f"seen has shape {np.shape(seen)}; give {volume.voxels.shape}, as the volume")
         self.volume = volume
         self._voxels = np.ascontiguousarray(volume.voxels, np.float32)
-        self._seen = np.ones(volume.voxels.shape, np.uint8) if seen is None else np.ascontiguousarray(seen, np.uint8)
+        self._seen = None if seen is None else np.ascontiguousarray(seen, np.uint8)
 
     @cached_property
     def _still(self) -> GridField:

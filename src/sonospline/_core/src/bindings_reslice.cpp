@@ -1,8 +1,10 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "bindings.hpp"
@@ -17,11 +19,11 @@ template <class T, class Shape> using Array = nb::ndarray<const T, Shape, nb::c_
 using Values = Array<float, nb::shape<-1, -1, -1, 3>>;
 
 auto reslice(Values values, const std::array<double, 3> &spacing, Array<double, nb::shape<3, 3>> pixel,
-             Array<float, nb::shape<-1, -1, -1>> voxels, Array<std::uint8_t, nb::shape<-1, -1, -1>> seen,
+             Array<float, nb::shape<-1, -1, -1>> voxels, std::optional<Array<std::uint8_t, nb::shape<-1, -1, -1>>> seen,
              Array<double, nb::shape<3, 4>> index, const std::array<std::size_t, 2> &shape, double tolerance,
              int most) {
     const sono::LatticeField field{values.data(), {values.shape(0), values.shape(1), values.shape(2)}, spacing};
-    const sono::VoxelImage image{voxels.data(), seen.data(), {voxels.shape(0), voxels.shape(1), voxels.shape(2)}};
+    const sono::VoxelImage image{voxels.data(), seen ? seen->data() : nullptr, {voxels.shape(0), voxels.shape(1), voxels.shape(2)}};
     sono::PixelPlane plane;
     std::copy_n(pixel.data(), 9, plane.pixel);
     std::copy_n(index.data(), 12, plane.index);
@@ -38,6 +40,6 @@ auto reslice(Values values, const std::array<double, 3> &spacing, Array<double, 
 }  // namespace
 
 void bind_reslice(nb::module_ &m) {
-    m.def("reslice", &reslice, "values"_a, "spacing"_a, "pixel"_a, "voxels"_a, "seen"_a, "index"_a, "shape"_a,
+    m.def("reslice", &reslice, "values"_a, "spacing"_a, "pixel"_a, "voxels"_a, "seen"_a.none(), "index"_a, "shape"_a,
           "tolerance"_a, "most"_a);
 }

@@ -12,7 +12,6 @@ namespace {
 
 constexpr std::size_t kCellsPerBlock = 512, kRowsPerBlock = 32;
 constexpr int kRaysPerBlock = 8, kLinesPerBlock = 8;
-constexpr int kInverseSteps = 2;      // started from the sample before: 0.002 mm at |grad u| = 0.3
 constexpr float kMostLossDb = 60;     // at one interface
 constexpr float kLossPerNeper = 20 / 2.302585093f;
 
@@ -28,6 +27,15 @@ BmodeRenderer::BmodeRenderer(const ProbeTables &probe)
     const std::size_t taps = static_cast<std::size_t>(2 * probe.lateral_half + 1) * probe.beam.samples;
     taps_.resize(2 * taps + kEchoSlack);
     for (std::size_t i = 0; i < taps; ++i) taps_[2 * i] = taps_[2 * i + 1] = probe.lateral[i];
+    for (int n = 0; n < probe.beam.samples; n += kLateralRun / 2) {
+        int reach = probe.lateral_half;
+        const auto silent = [&](int k) {
+            const float *tap = probe.lateral + static_cast<std::ptrdiff_t>(probe.lateral_half + k) * probe.beam.samples + n;
+            return std::all_of(tap, tap + kLateralRun / 2, [](float t) { return t == 0; });
+        };
+        while (reach > 0 && silent(reach) && silent(-reach)) --reach;
+        reach_.push_back(reach);
+    }
     const float ratio = static_cast<float>(probe.ray_samples) / static_cast<float>(probe.beam.samples);
     for (int n = 0; n < probe.beam.samples; ++n) {
         const float at = std::max(static_cast<float>(n) * ratio - 0.5f, 0.0f);
@@ -51,7 +59,7 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
         const int number = static_cast<int>(block);
         if (phase == 0 && block < ray_blocks) {
             const int end = std::min(probe_.rays, (number + 1) * kRaysPerBlock);
-            for (int ray = number * kRaysPerBlock; ray < end; ++ray) trace(aim, in, ray);
+            trace(aim, in, number * kRaysPerBlock, end);
         } else if (phase == 0) {
             const std::size_t first = (block - ray_blocks) * kCellsPerBlock;
             kernel.place(probe_.beam, aim.cells, in.field.values, spacing, first,
@@ -63,64 +71,79 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
             for (int l = number * kLinesPerBlock; l < end; ++l) line(in, out, l);
         } else {
             const std::size_t end = std::min(probe_.rows, (block + 1) * kRowsPerBlock);
-            for (std::size_t row = block * kRowsPerBlock; row < end; ++row) picture(out, row);
+            for (std::size_t row = block * kRowsPerBlock; row < end; ++row) {
+                const std::size_t at = row * probe_.columns;
+                kernel.picture(out.grey, static_cast<std::size_t>(probe_.beam.samples), probe_.pixel + at,
+                               probe_.fraction + 2 * at, probe_.columns, out.picture + at);
+            }
         }
     });
 }
 
-// Walks down one coarse beam through the undeformed labels, adding up what is lost.
-void BmodeRenderer::trace(const Aim &aim, const FrameInput &in, int ray) {
+// Walks down coarse beams through the undeformed labels, adding up what is lost. Several at once, since each
+// step waits for the one before.
+void BmodeRenderer::trace(const Aim &aim, const FrameInput &in, int first_ray, int last_ray) {
     const Trilinear4 displacement(in.field);
-    const double *start = aim.ray_start + 3 * ray, *step = aim.ray_step + 3 * ray;
-    float *left = transmitted_.data() + static_cast<std::size_t>(ray) * probe_.ray_samples;
-    Float4 u{}, first{}, along{}, index[4] = {};
+    const int rays = last_ray - first_ray;
+    Float4 start[kRaysPerBlock] = {}, along[kRaysPerBlock] = {}, index[4] = {};
+    Float4 u[kRaysPerBlock] = {}, change[kRaysPerBlock] = {};
+    float db[kRaysPerBlock] = {};
+    int last[kRaysPerBlock];
     for (int a = 0; a < 3; ++a) {
-        first[a] = static_cast<float>(start[a]), along[a] = static_cast<float>(step[a]);
+        for (int ray = 0; ray < rays; ++ray) {
+            start[ray][a] = static_cast<float>(aim.ray_start[3 * (first_ray + ray) + a]);
+            along[ray][a] = static_cast<float>(aim.ray_step[3 * (first_ray + ray) + a]);
+        }
         for (int b = 0; b < 4; ++b) index[b][a] = static_cast<float>(aim.label_index[4 * a + b]);
     }
-    float db = 0;
-    int last = -1;
-    for (int n = 0; n < probe_.ray_samples; ++n) {
-        const Float4 p = first + static_cast<float>(n) * along;
-        for (int i = 0; i < kInverseSteps; ++i) u = displacement(p - u);
-        const Float4 x = p - u;
-        const Float4 nearest = index[0] * x[0] + index[1] * x[1] + index[2] * x[2] + index[3] + 0.5f;
-        std::size_t voxel = 0;
-        bool inside = true;
-        for (int a = 0; a < 3; ++a) {
-            inside = inside && nearest[a] >= 0 && nearest[a] < static_cast<float>(aim.label_shape[a]);
-            voxel = voxel * aim.label_shape[a] + (inside ? static_cast<std::size_t>(nearest[a]) : 0);
+    index[3] += 0.5f;  // to the nearest voxel
+    std::vector<float> loss(static_cast<std::size_t>(rays) * probe_.ray_samples);
+    for (int n = 0; n < probe_.ray_samples; ++n)
+        for (int ray = 0; ray < rays; ++ray) {
+            // the inverse map, from where the last two samples lead
+            const Float4 p = start[ray] + static_cast<float>(n) * along[ray];
+            const Float4 before = u[ray];
+            u[ray] = displacement(p - (before + change[ray]));
+            change[ray] = n ? u[ray] - before : Float4{};
+            const Float4 x = p - u[ray];
+            const Float4 nearest = index[0] * x[0] + index[1] * x[1] + index[2] * x[2] + index[3];
+            std::size_t voxel = 0;
+            bool inside = true;
+            for (int a = 0; a < 3; ++a) {
+                inside = inside && nearest[a] >= 0 && nearest[a] < static_cast<float>(aim.label_shape[a]);
+                voxel = voxel * aim.label_shape[a] + (inside ? static_cast<std::size_t>(nearest[a]) : 0);
+            }
+            const int label = inside ? aim.labels[voxel] : 0;
+            if (n && label != last[ray]) {
+                const float z1 = aim.impedance[last[ray]], z2 = aim.impedance[label];
+                const float through = 4 * z1 * z2 / ((z1 + z2) * (z1 + z2));  // T12 T21 = 1 - R^2
+                db[ray] += std::min(kMostLossDb, -kLossPerNeper * std::log(through));
+            }
+            last[ray] = label;
+            db[ray] += aim.loss_db[label];
+            loss[static_cast<std::size_t>(ray * probe_.ray_samples + n)] = db[ray] - 0.5f * aim.loss_db[label];  // at its middle
         }
-        const int label = inside ? aim.labels[voxel] : 0;
-        if (last >= 0 && label != last) {
-            const float z1 = aim.impedance[last], z2 = aim.impedance[label];
-            const float through = 4 * z1 * z2 / ((z1 + z2) * (z1 + z2));  // T12 T21 = 1 - R^2
-            db += std::min(kMostLossDb, -kLossPerNeper * std::log(through));
-        }
-        last = label;
-        db += aim.loss_db[label];
-        left[n] = std::exp((0.5f * aim.loss_db[label] - db) / kLossPerNeper);  // to the sample's middle
-    }
+    kernels().bmode->transmit(loss.data(), loss.size(),
+                              transmitted_.data() + static_cast<std::size_t>(first_ray) * probe_.ray_samples);
 }
 
 // Amplitude left along one beam: coarse beams smoothed across the aperture, times the needle's shadow.
 void BmodeRenderer::gain_of(const FrameInput &in, int line, float *gain) const {
-    const int coarse = probe_.ray_samples, samples = probe_.beam.samples;
+    const int coarse = probe_.ray_samples, samples = probe_.beam.samples, taps = probe_.smoothing_taps;
     thread_local std::vector<float> smooth;
-    smooth.assign(static_cast<std::size_t>(coarse) + 1, 0.0f);
-    const float *weights = probe_.smoothing + static_cast<std::size_t>(line) * probe_.smoothing_taps;
-    for (int k = 0; k < probe_.smoothing_taps; ++k) {
-        const float *ray = transmitted_.data() + static_cast<std::size_t>(probe_.smoothing_first[line] + k) * coarse;
-        for (int n = 0; n < coarse; ++n) smooth[n] += weights[k] * ray[n];
-    }
-    smooth[coarse] = smooth[coarse - 1];
-    for (int n = 0; n < samples; ++n)
-        gain[n] = smooth[coarse_[n]] + beyond_[n] * (smooth[coarse_[n] + 1] - smooth[coarse_[n]]);
+    smooth.resize(static_cast<std::size_t>(coarse) + 1);
+    kernels().bmode->gain(taps, probe_.smoothing + static_cast<std::size_t>(line) * taps,
+                          transmitted_.data() + static_cast<std::size_t>(probe_.smoothing_first[line]) * coarse,
+                          static_cast<std::size_t>(coarse), coarse_.data(), beyond_.data(),
+                          static_cast<std::size_t>(samples), smooth.data(), gain);
     const float begins = in.shadow[line], shaded = in.shadow[probe_.beam.lines + line];
     if (shaded >= 1) return;
     const float sample_mm = probe_.beam.depth_mm / static_cast<float>(samples), softness = 1 / in.shadow_soft_mm;
-    for (int n = std::max(0, static_cast<int>(begins / sample_mm)); n < samples; ++n)
-        gain[n] *= 1 - (1 - shaded) * std::min(std::max((static_cast<float>(n) * sample_mm - begins) * softness, 0.0f), 1.0f);
+    for (int n = std::max(0, static_cast<int>(begins / sample_mm)); n < samples; ++n) {
+        const float behind = std::min(std::max((static_cast<float>(n) * sample_mm - begins) * softness, 0.0f), 1.0f);
+        const float left = 1 - (1 - shaded) * behind;
+        gain[2 * n] *= left, gain[2 * n + 1] *= left;
+    }
 }
 
 void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
@@ -131,7 +154,7 @@ void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
     // one line on either side, and a row for what falls elsewhere with the one it spills into
     grid.assign((kStripLines + 4) * row, 0.0f);
     scratch.resize(4 * static_cast<std::size_t>(samples + kBinPad) + kEchoSlack);
-    gain.resize(static_cast<std::size_t>(samples));
+    gain.resize(2 * static_cast<std::size_t>(samples));
     kernel.splat(probe_.beam, aim.cells, polynomials_.data(), spans_.data(), first_line, grid.data(), row);
     for (std::size_t i = 0; i < in.echo_count; ++i) {
         const float *echo = in.echoes + 4 * i;
@@ -166,27 +189,10 @@ void BmodeRenderer::line(const FrameInput &in, const FrameOutput &out, int numbe
     }
     const std::size_t at = static_cast<std::size_t>(number) * samples;
     float *iq = out.iq + 2 * at;
-    kernel.lateral(count, taps.data(), lines.data(), samples, in.noise + 2 * at, in.noise_level, iq);
+    kernel.lateral(count, taps.data(), lines.data(), samples, reach_.data(), in.noise + 2 * at, in.noise_level, iq);
     thread_local std::vector<float> scratch;
     scratch.resize(samples);
     kernel.compress(iq, in.offset_db, in.range_db, samples, scratch.data(), out.grey + at);
-}
-
-void BmodeRenderer::picture(const FrameOutput &out, std::size_t row) const {
-    const std::int32_t *pixel = probe_.pixel + row * probe_.columns;
-    const std::uint8_t *fraction = probe_.fraction + 2 * row * probe_.columns;
-    std::uint8_t *to = out.picture + row * probe_.columns;
-    const int samples = probe_.beam.samples;
-    for (std::size_t c = 0; c < probe_.columns; ++c) {
-        if (pixel[c] < 0) {
-            to[c] = 0;
-            continue;
-        }
-        const std::uint8_t *at = out.grey + pixel[c], *next = at + samples;
-        const int across = fraction[2 * c], along = fraction[2 * c + 1];
-        const int here = 256 * at[0] + along * (at[1] - at[0]), beside = 256 * next[0] + along * (next[1] - next[0]);
-        to[c] = static_cast<std::uint8_t>((256 * here + across * (beside - here) + 32768) >> 16);
-    }
 }
 
 }  // namespace sono

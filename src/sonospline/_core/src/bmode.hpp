@@ -63,11 +63,10 @@ class BmodeRenderer {
     void render(const Aim &, const FrameInput &, const FrameOutput &);
 
   private:
-    void trace(const Aim &, const FrameInput &, int ray);
+    void trace(const Aim &, const FrameInput &, int first_ray, int last_ray);
     void strip(const Aim &, const FrameInput &, int number);
     void gain_of(const FrameInput &, int line, float *gain) const;
     void line(const FrameInput &, const FrameOutput &, int number) const;
-    void picture(const FrameOutput &, std::size_t row) const;
 
     const ProbeTables probe_;
     const std::size_t stride_;       // floats of a line in beams_
@@ -76,7 +75,8 @@ class BmodeRenderer {
     std::vector<float> taps_;        // lateral taps, each twice: for real and imaginary parts
     std::vector<float> polynomials_;
     std::vector<LineSpan> spans_;
-    std::vector<int> coarse_;        // (samples) coarse sample before each
+    std::vector<int> reach_;         // taps on either side that count, by run of samples
+    std::vector<std::int32_t> coarse_;        // (samples) coarse sample before each
     std::vector<float> beyond_;      // (samples) and how far beyond it
 };
 

@@ -45,7 +45,7 @@ template <int N> inline VecF horner(VecF x, const float (&c)[N]) {
 }
 
 // Chebyshev fits: sin and cos of 2 pi x for |x| <= 1/2 (1e-8), atan(x) / x for |x| <= 1 (2e-8),
-// exp(-x/8) for x <= 4.5 (3e-10), log2(1 + m) / m for 0 <= m <= 1 (3e-7)
+// exp(-x/8) for x <= 4.5 (3e-10), log2(1 + m) / m for 0 <= m <= 1 (3e-7), 2^x for 0 <= x <= 1 (6e-8)
 constexpr float kSin[] = {6.2831853f, -41.3417004f, 81.6051314f, -76.7030154f, 42.025927f, -14.8998467f, 3.23813751f};
 constexpr float kCos[] = {0.999999989f, -19.7392045f, 64.9391175f, -85.4501395f, 60.167631f, -25.9675992f, 6.52865816f};
 constexpr float kAtan[] = {0.999999984f, -0.333330668f, 0.199924836f,  -0.142025705f,  0.106367541f,
@@ -54,6 +54,13 @@ constexpr float kExp[] = {1.0f, -0.124999993f, 0.00781247393f, -0.000325485719f,
                           4.01059632e-09f};
 constexpr float kLog[] = {1.44269477f, -0.721310723f, 0.480073748f, -0.35345468f,
                           0.256179696f, -0.155599957f, 0.063787589f, -0.012370641f};
+
+constexpr float kExp2[] = {1.0f, 0.693146944f, 0.240230501f, 0.055480428f, 0.00968458038f, 0.00123878219f, 0.000218775051f};
+
+// and where |x| <= kNarrow: atan(x) / x and 1 / (1 + sqrt(1 + x^2)) as series in x^2 (7e-9)
+constexpr float kNarrow = 0.125f;
+constexpr float kAtanNarrow[] = {1.0f, -1 / 3.0f, 1 / 5.0f, -1 / 7.0f};
+constexpr float kRootNarrow[] = {0.5f, -0.125f, 0.0625f, -0.0390625f};
 
 inline VecF sqrt_of(VecF x) { return x * rsqrt(x); }  // of x >= 1
 
@@ -92,6 +99,7 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
         for (int a = 0; a < 3; ++a) c[1 + a] += axis[a] * spacing[a];
         float *out = polynomials + kPolynomialFloats * cell;
         for (int k = 0; k < 8; ++k) store4(out + 4 * k, c[k]);
+        out[3] = 0;
 
         const V4 uv = c[0] + c[1] + c[2] + c[4], uw = c[0] + c[1] + c[3] + c[5], vw = c[0] + c[2] + c[3] + c[6];
         const V4 corners[8] = {c[0], c[0] + c[1], c[0] + c[2], c[0] + c[3], uv, uw, vw,
@@ -116,6 +124,7 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
             }
             left = std::min(left, 0.0f) / reach;  // |atan q| <= |q|
             right = std::max(right, 0.0f) / reach;
+            out[3] = std::max(-left, right) < kNarrow;
         }
         const float from = frame.line + left * beam.lines_per_step - 1, to = frame.line + right * beam.lines_per_step + 1;
         if (to < -1 || from > static_cast<float>(beam.lines)) continue;
@@ -128,10 +137,44 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
 
 struct Echoes {
     alignas(64) std::int32_t offset[kWidth];
-    alignas(64) float re[kWidth], im[kWidth], line[kWidth], bin[kWidth];
+    alignas(64) float value[2 * kWidth], along[2 * kWidth];  // re, im; shares of the half-sample before and after
+    alignas(64) float across[kWidth];                        // share of the next line
+    unsigned heard;                                          // a bit each
 };
 
-template <bool Curved>
+// a0 b0 a1 b1 ...
+inline void store_pairs(float *to, VecF a, VecF b) {
+#if defined(__AVX512F__)
+    store(to, __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23));
+    store(to + 16, __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31));
+#elif defined(__AVX2__)
+    store(to, __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11));
+    store(to + 8, __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15));
+#else
+    store(to, __builtin_shufflevector(a, b, 0, 4, 1, 5));
+    store(to + 4, __builtin_shufflevector(a, b, 2, 6, 3, 7));
+#endif
+}
+
+// A bit for each lane that is -1.
+inline unsigned bits_of(VecI mask) {
+#if defined(__AVX512DQ__)
+    return _mm512_movepi32_mask((__m512i)mask);
+#elif defined(__AVX2__)
+    return static_cast<unsigned>(_mm256_movemask_ps((__m256)mask));
+#elif defined(__SSE2__)
+    return static_cast<unsigned>(_mm_movemask_ps((__m128)mask));
+#else
+    unsigned bits = 0;
+    for (int i = 0; i < kWidth; ++i) bits |= static_cast<unsigned>(mask[i] & 1) << i;
+    return bits;
+#endif
+}
+
+// How the beams lie within a cell: parallel, fanning out a little, or (near the apex) any way.
+enum class Fan { none, narrow, wide };
+
+template <Fan fan>
 inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const float *c, const Cells &cells,
                       std::size_t at, int first_line, std::int32_t row, Echoes &out) {
     const VecF step = splat(1.0f / 65536);
@@ -143,94 +186,171 @@ inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const fl
         place[a] = ((c[28 + a] * w + c[16 + a]) * v + (c[20 + a] * w + c[4 + a])) * u +
                    ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
     VecF further = place[2], across = place[0];  // than the cell's corner
-    if constexpr (Curved) {
+    if constexpr (fan == Fan::narrow) {
+        const VecF q = across * reciprocal(further + frame.reach), squared = q * q;
+        further += across * q * horner(squared, kRootNarrow);
+        across = q * horner(squared, kAtanNarrow);
+    }
+    if constexpr (fan == Fan::wide) {
         const VecF q = clamp(across / (further + frame.reach), -1.0f, 1.0f);
         further += across * q / (1.0f + sqrt_of(1.0f + q * q));
         across = q * horner(q * q, kAtan);
     }
     const VecF range = further + frame.range;
     const VecF elevation = place[1] + frame.elevation, off_focus = range - beam.focus_mm;
-    const VecF squared = elevation * elevation / (beam.focus_variance + beam.spread_squared * off_focus * off_focus);
-    const VecF profile = exp_minus(clamp(0.5f * squared, 0.0f, 4.5f)) - beam.cut_weight;
+    const VecF inverse = reciprocal(beam.focus_variance + beam.spread_squared * off_focus * off_focus);
+    const VecF squared = 0.5f * elevation * elevation * inverse;
+    const VecF profile = exp_minus(squared < 4.5f ? squared : splat(4.5f)) - beam.cut_weight;
     VecF amplitude = __builtin_convertvector(load_as<VecI16>(cells.amplitude + at), VecF) * cells.amplitude_step;
-    amplitude *= profile > 0.0f ? profile : splat(0.0f);
+    amplitude *= profile;
 
     VecF cycles = further * beam.cycles_per_mm + frame.cycles;
     cycles -= (cycles + 12582912.0f) - 12582912.0f;  // to the nearest whole number
     const VecF x2 = cycles * cycles;
-    store(out.re, amplitude * horner(x2, kCos));
-    store(out.im, -amplitude * cycles * horner(x2, kSin));
+    store_pairs(out.value, amplitude * horner(x2, kCos), -amplitude * cycles * horner(x2, kSin));
 
     VecI line, bin;
     const VecF l = clamp(across * beam.lines_per_step + frame.line, -4.0f, static_cast<float>(beam.lines) + 4.0f);
-    store(out.line, l - floor_of(l, line));
+    store(out.across, l - floor_of(l, line));
     const float end = static_cast<float>(2 * beam.samples + kBinPad - 2);
     const VecF b = clamp(range * beam.half_samples_per_mm, static_cast<float>(2 - kBinPad), end);
-    store(out.bin, b - floor_of(b, bin));
+    const VecF after = b - floor_of(b, bin);
+    store_pairs(out.along, 1.0f - after, after);
     line -= first_line - 1;
-    const VecI here = (line >= 0) & (line <= kStripLines);
-    const VecI offset = here ? line * row + 2 * (bin + kBinPad) : VecI{} + (kStripLines + 2) * row;
+    const VecI offset = line * row + 2 * (bin + kBinPad);
     std::memcpy(out.offset, &offset, sizeof offset);
+    out.heard = bits_of((line >= 0) & (line <= kStripLines) & (profile > 0.0f));
 }
 
-template <bool Curved>
-void splat_beams(const BeamGeometry &beam, const Cells &cells, const float *polynomials, const LineSpan *spans,
-                 int first_line, float *strip, std::size_t row) {
-    const int from = first_line - 1, to = first_line + kStripLines - 1;
+// {a, b, a, b} of two floats, and {a, a, b, b}
+inline V4 twice(const float *pair) {
+    double both;
+    std::memcpy(&both, pair, sizeof both);
+    typedef double V2 __attribute__((vector_size(16)));
+    return (V4)V2{both, both};
+}
+inline V4 each_twice(const float *pair) {
+    const V4 both = twice(pair);
+    return __builtin_shufflevector(both, both, 0, 0, 1, 1);
+}
+
+template <Fan fan>
+void splat_cell(const BeamGeometry &beam, const Cells &cells, std::size_t cell, const float *c, int first_line,
+                float *strip, std::size_t row) {
     Echoes echoes;
-    for (std::size_t cell = 0; cell < cells.count; ++cell) {
-        if (spans[cell].last < from || spans[cell].first > to || spans[cell].last < spans[cell].first) continue;
-        const float *c = polynomials + kPolynomialFloats * cell;
-        const std::size_t end = static_cast<std::size_t>(cells.starts[cell + 1]);
-        for (std::size_t at = static_cast<std::size_t>(cells.starts[cell]); at < end; at += kWidth) {
-            echoes_of<Curved>(beam, cells.frames[cell], c, cells, at, first_line, static_cast<std::int32_t>(row), echoes);
-            const int count = static_cast<int>(std::min<std::size_t>(kWidth, end - at));
-            for (int i = 0; i < count; ++i) {
-                const float re = echoes.re[i], im = echoes.im[i], f = echoes.bin[i], g = echoes.line[i];
-                const V4 value = V4{re, im, re, im} * V4{1 - f, 1 - f, f, f};
-                const V4 right = value * g;
-                float *near = strip + echoes.offset[i], *next = near + row;
-                store4(near, load4(near) + (value - right));
-                store4(next, load4(next) + right);
-            }
+    const std::size_t end = static_cast<std::size_t>(cells.starts[cell + 1]);
+    for (std::size_t at = static_cast<std::size_t>(cells.starts[cell]); at < end; at += kWidth) {
+        echoes_of<fan>(beam, cells.frames[cell], c, cells, at, first_line, static_cast<std::int32_t>(row), echoes);
+        if (end - at < kWidth) echoes.heard &= (1u << (end - at)) - 1;
+        for (unsigned left = echoes.heard; left; left &= left - 1) {
+            const int i = __builtin_ctz(left);
+            const V4 value = twice(echoes.value + 2 * i) * each_twice(echoes.along + 2 * i);
+            const V4 right = value * echoes.across[i];
+            float *near = strip + echoes.offset[i], *next = near + row;
+            store4(near, load4(near) + (value - right));
+            store4(next, load4(next) + right);
         }
     }
 }
 
 void splat(const BeamGeometry &beam, const Cells &cells, const float *polynomials, const LineSpan *spans,
            int first_line, float *strip, std::size_t row) {
-    (beam.curved ? splat_beams<true> : splat_beams<false>)(beam, cells, polynomials, spans, first_line, strip, row);
+    const int from = first_line - 1, to = first_line + kStripLines - 1;
+    for (std::size_t cell = 0; cell < cells.count; ++cell) {
+        if (spans[cell].last < from || spans[cell].first > to || spans[cell].last < spans[cell].first) continue;
+        const float *c = polynomials + kPolynomialFloats * cell;
+        const auto add = !beam.curved  ? splat_cell<Fan::none>
+                         : c[3] != 0.0f ? splat_cell<Fan::narrow>
+                                        : splat_cell<Fan::wide>;
+        add(beam, cells, cell, c, first_line, strip, row);
+    }
 }
 
 // --- convolutions ---
+
+constexpr int kRun = kLateralRun / kWidth;  // vectors at once: a sum's additions wait for one another
+
+// Vectors of pairs (re, im) at even and at odd half-samples.
+inline void split_pairs(const float *in, VecF &even, VecF &odd) {
+    const VecF a = load(in), b = load(in + kWidth);
+#if defined(__AVX512F__)
+    even = __builtin_shufflevector(a, b, 0, 1, 4, 5, 8, 9, 12, 13, 16, 17, 20, 21, 24, 25, 28, 29);
+    odd = __builtin_shufflevector(a, b, 2, 3, 6, 7, 10, 11, 14, 15, 18, 19, 22, 23, 26, 27, 30, 31);
+#elif defined(__AVX2__)
+    even = __builtin_shufflevector(a, b, 0, 1, 4, 5, 8, 9, 12, 13);
+    odd = __builtin_shufflevector(a, b, 2, 3, 6, 7, 10, 11, 14, 15);
+#else
+    even = __builtin_shufflevector(a, b, 0, 1, 4, 5);
+    odd = __builtin_shufflevector(a, b, 2, 3, 6, 7);
+#endif
+}
 
 void axial(int half, const float *taps, const float *in, std::size_t samples, const float *gain, float *scratch,
            float *out) {
     // even and odd half-samples apart, so that each tap meets contiguous samples
     const std::size_t each = samples + kBinPad;
     float *even = scratch, *odd = scratch + 2 * each;
-    for (std::size_t i = 0; i < each; ++i) {
-        std::memcpy(even + 2 * i, in + 4 * i, 8);
-        std::memcpy(odd + 2 * i, in + 4 * i + 2, 8);
+    for (std::size_t i = 0; i < 2 * each; i += kWidth) {
+        VecF a, b;
+        split_pairs(in + 2 * i, a, b);
+        store(even + i, a), store(odd + i, b);
     }
-    for (std::size_t at = 0; at < 2 * samples; at += kWidth) {
-        VecF sum = {};
+    for (std::size_t at = 0; at < 2 * samples; at += kRun * kWidth) {
+        VecF sum[2][kRun] = {};
         for (int k = -half; k <= half; ++k) {
             const std::ptrdiff_t whole = (k + kBinPad) / 2;
-            sum += taps[k + half] * load((k & 1 ? odd : even) + at + 2 * whole);
+            const float *from = (k & 1 ? odd : even) + at + 2 * whole, tap = taps[k + half];
+            VecF *to = sum[k & 1];
+            for (int i = 0; i < kRun; ++i) to[i] += tap * load(from + i * kWidth);
         }
-        store(out + at, sum);
+        for (int i = 0; i < kRun; ++i) {
+            const std::size_t to = at + static_cast<std::size_t>(i) * kWidth;
+            store(out + to, (sum[0][i] + sum[1][i]) * load(gain + to));
+        }
     }
-    for (std::size_t i = 0; i < samples; ++i) out[2 * i] *= gain[i], out[2 * i + 1] *= gain[i];
 }
 
-void lateral(int count, const float *const *taps, const float *const *lines, std::size_t samples, const float *noise,
-             float noise_level, float *out) {
-    for (std::size_t at = 0; at < 2 * samples; at += kWidth) {
-        VecF sum = noise_level * load(noise + at);
-        for (int k = 0; k < count; ++k)
-            if (lines[k]) sum += load(taps[k] + at) * load(lines[k] + at);
-        store(out + at, sum);
+void lateral(int count, const float *const *taps, const float *const *lines, std::size_t samples, const int *reach,
+             const float *noise, float noise_level, float *out) {
+    const int half = count / 2;
+    for (std::size_t at = 0; at < 2 * samples; at += kRun * kWidth) {
+        VecF sum[kRun];
+        for (int i = 0; i < kRun; ++i) sum[i] = noise_level * load(noise + at + static_cast<std::size_t>(i) * kWidth);
+        const int wide = reach[at / kLateralRun];
+        for (int k = half - wide; k <= half + wide; ++k) {
+            if (!lines[k]) continue;
+            const float *tap = taps[k] + at, *line = lines[k] + at;
+            for (int i = 0; i < kRun; ++i) sum[i] += load(tap + i * kWidth) * load(line + i * kWidth);
+        }
+        for (int i = 0; i < kRun; ++i) store(out + at + static_cast<std::size_t>(i) * kWidth, sum[i]);
+    }
+}
+
+// --- what is lost on the way ---
+
+void transmit(const float *loss_db, std::size_t count, float *left) {
+    for (std::size_t i = 0; i < count; i += kWidth) {
+        VecI whole;
+        const VecF octaves = clamp(load(loss_db + i) * -0.166096404744f, -120.0f, 120.0f);
+        const VecF power = horner(octaves - floor_of(octaves, whole), kExp2);
+        VecI bits;
+        std::memcpy(&bits, &power, sizeof bits);
+        bits += whole << 23;
+        std::memcpy(left + i, &bits, sizeof bits);
+    }
+}
+
+void gain(int count, const float *weights, const float *rays, std::size_t ray_samples, const std::int32_t *before,
+          const float *beyond, std::size_t samples, float *scratch, float *out) {
+    for (std::size_t n = 0; n < ray_samples; n += kWidth) {
+        VecF sum = {};
+        for (int k = 0; k < count; ++k) sum += weights[k] * load(rays + static_cast<std::size_t>(k) * ray_samples + n);
+        store(scratch + n, sum);
+    }
+    scratch[ray_samples] = scratch[ray_samples - 1];
+    for (std::size_t n = 0; n < samples; ++n) {
+        const float low = scratch[before[n]], high = scratch[before[n] + 1];
+        out[2 * n] = out[2 * n + 1] = low + beyond[n] * (high - low);
     }
 }
 
@@ -257,10 +377,51 @@ void compress(const float *in, const float *offset_db, float range_db, std::size
     }
 }
 
+// --- scan conversion ---
+
+inline int mixed(const std::uint8_t *at, std::size_t samples, int across, int along) {
+    const std::uint8_t *next = at + samples;
+    const int here = 256 * at[0] + along * (at[1] - at[0]), beside = 256 * next[0] + along * (next[1] - next[0]);
+    return (256 * here + across * (beside - here) + 32768) >> 16;
+}
+
+void picture(const std::uint8_t *grey, std::size_t samples, const std::int32_t *pixel, const std::uint8_t *fraction,
+             std::size_t columns, std::uint8_t *to) {
+    std::size_t c = 0;
+#if defined(__AVX2__)
+    for (; c + kWidth <= columns; c += kWidth) {
+        const VecI at = load_as<VecI>(pixel + c), seen = at >= 0, index = at & seen;
+        if (!bits_of(seen)) {
+            std::memset(to + c, 0, kWidth);
+            continue;
+        }
+        // four bytes a pixel; on the next line two earlier, since nothing may be read past the last line
+        const std::uint8_t *next = grey + samples - 2;
+#if defined(__AVX512F__)
+        const VecI a = (VecI)_mm512_i32gather_epi32((__m512i)index, grey, 1);
+        const VecI b = (VecI)_mm512_i32gather_epi32((__m512i)index, next, 1);
+#else
+        const VecI a = (VecI)_mm256_i32gather_epi32(reinterpret_cast<const int *>(grey), (__m256i)index, 1);
+        const VecI b = (VecI)_mm256_i32gather_epi32(reinterpret_cast<const int *>(next), (__m256i)index, 1);
+#endif
+        const VecI shares = __builtin_convertvector(load_as<VecU16>(fraction + 2 * c), VecI);
+        const VecI across = shares & 255, along = shares >> 8;
+        const VecI a0 = a & 255, a1 = (a >> 8) & 255, b0 = (b >> 16) & 255, b1 = (b >> 24) & 255;
+        const VecI here = 256 * a0 + along * (a1 - a0), beside = 256 * b0 + along * (b1 - b0);
+        const VecI level = ((256 * here + across * (beside - here) + 32768) >> 16) & seen;
+        const VecU8 bytes = __builtin_convertvector(level, VecU8);
+        std::memcpy(to + c, &bytes, sizeof bytes);
+    }
+#endif
+    for (; c < columns; ++c)
+        to[c] = pixel[c] < 0 ? std::uint8_t{0}
+                             : static_cast<std::uint8_t>(mixed(grey + pixel[c], samples, fraction[2 * c], fraction[2 * c + 1]));
+}
+
 }  // namespace
 
 extern const BmodeKernels bmode_kernels;
-const BmodeKernels bmode_kernels = {place, splat, axial, lateral, compress};
+const BmodeKernels bmode_kernels = {place, splat, axial, lateral, transmit, gain, compress, picture};
 
 }  // namespace SONO_ISA
 }  // namespace sono

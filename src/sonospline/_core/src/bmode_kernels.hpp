@@ -8,10 +8,11 @@
 
 namespace sono {
 
-constexpr int kStripLines = 16;
+constexpr int kStripLines = 32;
 constexpr int kFrameFloats = 16;       // of one cell: see CellFrame
-constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, each lateral, elevation, axial, 0
+constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, each lateral, elevation, axial; then 0, or in the first whether the beams lie narrow
 constexpr int kBinPad = 64;            // half-samples kept beyond either end of a beam
+constexpr int kLateralRun = 32;        // floats for which the beam's width is told
 constexpr int kEchoSlack = 64;         // scatterers that may be read past the last
 
 struct BeamGeometry {
@@ -62,15 +63,26 @@ struct BmodeKernels {
     /// line first_line - 1 + r, one more row takes what falls elsewhere
     void (*splat)(const BeamGeometry &, const Cells &, const float *polynomials, const LineSpan *spans, int first_line,
                   float *strip, std::size_t row);
-    /// out (samples, 2) = taps (2 half + 1) over half-samples `in`, which starts kBinPad before range 0
+    /// out (samples, 2) = gain (samples, 2) times taps (2 half + 1) over half-samples `in`, which starts kBinPad
+    /// before range 0
     void (*axial)(int half, const float *taps, const float *in, std::size_t samples, const float *gain,
                   float *scratch, float *out);
-    /// out = sum_k taps[k] * lines[k], complex rows of `samples`; null lines count as 0
+    /// out = sum_k taps[k] * lines[k], complex rows of `samples`; null lines count as 0. Of the taps, reach[j] on
+    /// either side of the middle count in the j-th run of kLateralRun floats
     void (*lateral)(int count, const float *const *taps, const float *const *lines, std::size_t samples,
-                    const float *noise, float noise_level, float *out);
+                    const int *reach, const float *noise, float noise_level, float *out);
+    /// left = 10^(-loss_db / 20); count is a multiple of kLateralRun / 2
+    void (*transmit)(const float *loss_db, std::size_t count, float *left);
+    /// out (samples, 2), each value twice = rows of `rays` weighted, then linear between samples before[n] and the
+    /// next; scratch holds ray_samples + 1
+    void (*gain)(int count, const float *weights, const float *rays, std::size_t ray_samples, const std::int32_t *before,
+                 const float *beyond, std::size_t samples, float *scratch, float *out);
     /// grey = 255 (10 log10 |s|^2 + offset_db + range_db) / range_db, clipped
     void (*compress)(const float *in, const float *offset_db, float range_db, std::size_t samples, float *scratch,
                      std::uint8_t *grey);
+    /// One row of pixels, linear between four samples
+    void (*picture)(const std::uint8_t *grey, std::size_t samples, const std::int32_t *pixel,
+                    const std::uint8_t *fraction, std::size_t columns, std::uint8_t *to);
 };
 
 }  // namespace sono

@@ -97,11 +97,12 @@ extern const BrickKernels brick_kernels;
 extern const CholeskyKernels cholesky_kernels;
 extern const MultilevelKernels multilevel;
 extern const ElasticKernels elastic;
+extern const ResliceKernels reslice_kernels;
 extern const RowKernels rows;
 extern const KernelTable table;
 const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &brick_kernels,   &cholesky_kernels,
-                           &multilevel,         &elastic,       &rows,            sum<float>,
-                           sum<double>,         gradient,       values};
+                           &multilevel,         &elastic,       &reslice_kernels, &rows,
+                           sum<float>,          sum<double>,    gradient,         values};
 
 }  // namespace SONO_ISA
 }  // namespace sono

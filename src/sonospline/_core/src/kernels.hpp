@@ -25,6 +25,7 @@ struct BrickKernels;
 struct CholeskyKernels;
 struct MultilevelKernels;
 struct ElasticKernels;
+struct ResliceKernels;
 struct RowKernels;
 
 struct KernelTable {
@@ -34,6 +35,7 @@ struct KernelTable {
     const CholeskyKernels *cholesky;
     const MultilevelKernels *multilevel;
     const ElasticKernels *elastic;
+    const ResliceKernels *reslice;
     const RowKernels *rows;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);

@@ -2,98 +2,149 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
+#include "kernels.hpp"
 #include "parallel.hpp"
 #include "trilinear4.hpp"
 
 namespace sono {
 namespace {
 
+constexpr std::size_t kStep = 4;       // pixels between those at which the inverse map is found
 constexpr std::size_t kRowsPerBlock = 32;
 
-/// The displacement found at a pixel, and how it changed from the pixel above.
-struct Guess {
-    Float4 u{}, change{};
+/// A displacement found at a pixel of the image.
+struct Found {
+    Float4 u{};
     bool known = false;
 };
 
-class Voxels {
+float squared(Float4 v) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
+
+/// The inverse map along a plane.
+class Inverse {
   public:
-    explicit Voxels(const VoxelImage &image)
-        : image_(image), row_(image.shape[2]), plane_(row_ * image.shape[1]) {
-        for (int a = 0; a < 3; ++a) last_[a] = static_cast<float>(image.shape[a] - 1);
+    Inverse(const LatticeField &field, const PixelPlane &plane, double tolerance, int most)
+        : displacement_(field), enough_(static_cast<float>(tolerance * tolerance)), most_(most) {
+        for (int a = 0; a < 3; ++a) {
+            along_[a] = static_cast<float>(plane.pixel[3 * a]), down_[a] = static_cast<float>(plane.pixel[3 * a + 1]);
+            corner_[a] = static_cast<float>(plane.pixel[3 * a + 2]);
+        }
+    }
+    Float4 pixel(float row, float column) const { return corner_ + column * along_ + row * down_; }
+
+    // By x <- p - u(x).
+    Found at(float row, float column, Float4 guess) const {
+        const Float4 p = pixel(row, column);
+        Float4 x = p - guess;
+        for (int step = 0; step < most_; ++step) {
+            const Float4 u = displacement_(x), change = p - u - x;
+            x += change;
+            if (squared(change) <= enough_) return {u, true};
+        }
+        return {};
+    }
+    // Whether blocks are small beside the cells of the field, so that a look at the middle tells how it bends.
+    bool fine(const LatticeField &field) const {
+        const double block = kStep * std::sqrt(std::max(squared(along_), squared(down_)));
+        return 2 * block <= *std::min_element(field.spacing.begin(), field.spacing.end());
+    }
+    bool close(Float4 a, Float4 b) const { return squared(a - b) <= enough_; }
+
+  private:
+    const Trilinear4 displacement_;
+    const float enough_;
+    const int most_;
+    Float4 along_{}, down_{}, corner_{};
+};
+
+/// A band of rows: found at every fourth pixel, linear between where that is good enough.
+class Band {
+  public:
+    Band(const Inverse &inverse, bool fine, std::size_t first, std::size_t rows, std::size_t columns)
+        : inverse_(inverse), first_(first), across_(columns / kStep + 2), columns_(columns) {
+        const std::size_t down = (rows + kStep - 1) / kStep + 1;
+        nodes_.resize(down * across_);
+        linear_.resize((down - 1) * (across_ - 1));
+        for (std::size_t r = 0; r < down; ++r)
+            for (std::size_t c = 0; c < across_; ++c) {
+                const Float4 guess = r ? node(r - 1, c).u : c ? node(r, c - 1).u : Float4{};
+                nodes_[r * across_ + c] = inverse.at(row_of(r), column_of(c), guess);
+            }
+        for (std::size_t r = 0; fine && r + 1 < down; ++r)
+            for (std::size_t c = 0; c + 1 < across_; ++c) {
+                const Found &a = node(r, c), &b = node(r, c + 1), &d = node(r + 1, c), &e = node(r + 1, c + 1);
+                if (!(a.known && b.known && d.known && e.known)) continue;
+                const Float4 middle = 0.25f * (a.u + b.u + d.u + e.u);
+                const Found found = inverse.at(row_of(r) + 0.5f * kStep, column_of(c) + 0.5f * kStep, middle);
+                linear_[r * (across_ - 1) + c] = found.known && inverse.close(found.u, middle);
+            }
     }
 
-    bool operator()(Float4 index, float &grey) const {
-        std::ptrdiff_t at[3];
-        float t[3];
-        std::size_t nearest = 0;
-        for (int a = 0; a < 3; ++a) {
-            if (!(index[a] >= -0.5f && index[a] <= last_[a] + 0.5f)) return false;
-            const float inside = std::min(std::max(index[a], 0.0f), last_[a]);
-            at[a] = std::min(static_cast<std::ptrdiff_t>(inside), static_cast<std::ptrdiff_t>(last_[a]) - 1);
-            t[a] = inside - static_cast<float>(at[a]);
-            nearest = nearest * image_.shape[a] + static_cast<std::size_t>(at[a] + (t[a] >= 0.5f));
+    // Displacements (3 rows of columns) along one row; NaN where there is none.
+    void row(std::size_t number, float *const u[3]) const {
+        const std::size_t r = number / kStep;
+        const float t = static_cast<float>(number % kStep) / kStep;
+        for (std::size_t c = 0; c + 1 < across_; ++c) {
+            const Float4 left = node(r, c).u + t * (node(r + 1, c).u - node(r, c).u);
+            const Float4 right = node(r, c + 1).u + t * (node(r + 1, c + 1).u - node(r, c + 1).u);
+            const bool good = linear_[r * (across_ - 1) + c];
+            for (std::size_t i = 0; i < kStep && c * kStep + i < columns_; ++i) {
+                const std::size_t column = c * kStep + i;
+                Float4 v = left + (static_cast<float>(i) / kStep) * (right - left);
+                if (!good) {
+                    const Found found = inverse_.at(static_cast<float>(first_ + number), static_cast<float>(column), v);
+                    v = found.known ? found.u : Float4{} + std::numeric_limits<float>::quiet_NaN();
+                }
+                for (int a = 0; a < 3; ++a) u[a][column] = v[a];
+            }
         }
-        if (!image_.seen[nearest]) return false;
-        const float *corner = image_.grey + at[0] * plane_ + at[1] * row_ + at[2];
-        const float low = face(corner, t), high = face(corner + plane_, t);
-        grey = low + t[0] * (high - low);
-        return true;
     }
 
   private:
-    float face(const float *at, const float t[3]) const {
-        const float low = at[0] + t[2] * (at[1] - at[0]);
-        const float high = at[row_] + t[2] * (at[row_ + 1] - at[row_]);
-        return low + t[1] * (high - low);
-    }
+    const Found &node(std::size_t r, std::size_t c) const { return nodes_[r * across_ + c]; }
+    float row_of(std::size_t r) const { return static_cast<float>(first_ + r * kStep); }
+    static float column_of(std::size_t c) { return static_cast<float>(c * kStep); }
 
-    const VoxelImage image_;
-    std::ptrdiff_t row_, plane_;
-    float last_[3];
+    const Inverse &inverse_;
+    const std::size_t first_, across_, columns_;
+    std::vector<Found> nodes_;
+    std::vector<char> linear_;
 };
 
 }  // namespace
 
 void reslice(const LatticeField &field, const VoxelImage &image, const PixelPlane &plane, double tolerance, int most,
              float *grey, std::uint8_t *seen) {
-    const Trilinear4 displacement(field);
-    const Voxels voxels(image);
-    const float enough = static_cast<float>(tolerance * tolerance);
-    Float4 along{}, down{}, corner{}, index[4] = {};
-    for (int a = 0; a < 3; ++a) {
-        along[a] = static_cast<float>(plane.pixel[3 * a]), down[a] = static_cast<float>(plane.pixel[3 * a + 1]);
-        corner[a] = static_cast<float>(plane.pixel[3 * a + 2]);
-        for (int b = 0; b < 4; ++b) index[b][a] = static_cast<float>(plane.index[4 * a + b]);
-    }
-    // Starts from the pixel above: from the one before it, no two pixels could be under way at once.
-    const auto row = [&](std::size_t r, Guess *guesses) {
-        for (std::size_t c = 0; c < plane.columns; ++c) {
-            Guess &guess = guesses[c];
-            const Float4 p = corner + static_cast<float>(c) * along + static_cast<float>(r) * down;
-            Float4 x = p - guess.u - guess.change, u{};
-            bool found = false;
-            for (int step = 0; step < most && !found; ++step) {
-                u = displacement(x);
-                const Float4 d = p - u - x, squared = d * d;
-                x += d;
-                found = squared[0] + squared[1] + squared[2] <= enough;
-            }
-            const Float4 voxel = index[0] * x[0] + index[1] * x[1] + index[2] * x[2] + index[3];
-            const std::size_t at = r * plane.columns + c;
-            grey[at] = 0;
-            seen[at] = found && voxels(voxel, grey[at]);
-            guess.change = guess.known && found ? u - guess.u : Float4{};
-            guess.u = found ? u : Float4{};
-            guess.known = found;
-        }
-    };
+    const ResliceKernels &kernel = *kernels().reslice;
+    const Inverse inverse(field, plane, tolerance, most);
+    const bool fine = inverse.fine(field);
+    // voxel index = from + column * step - (turn) u
+    Float4 turn[3] = {};
+    for (int a = 0; a < 3; ++a)
+        for (int b = 0; b < 3; ++b) turn[b][a] = static_cast<float>(plane.index[4 * a + b]);
+    const auto turned = [&](Float4 v) { return turn[0] * v[0] + turn[1] * v[1] + turn[2] * v[2]; };
+    const Float4 step = turned(inverse.pixel(0, 1) - inverse.pixel(0, 0));
     parallel_for((plane.rows + kRowsPerBlock - 1) / kRowsPerBlock, [&](std::size_t block) {
-        const std::size_t end = std::min(plane.rows, (block + 1) * kRowsPerBlock);
-        std::vector<Guess> guesses(plane.columns);
-        for (std::size_t r = block * kRowsPerBlock; r < end; ++r) row(r, guesses.data());
+        const std::size_t first = block * kRowsPerBlock, n = plane.columns;
+        const std::size_t rows = std::min(plane.rows, first + kRowsPerBlock) - first;
+        const Band band(inverse, fine, first, rows, n);
+        std::vector<float> memory(3 * n);
+        float *const at[3] = {memory.data(), memory.data() + n, memory.data() + 2 * n};
+        for (std::size_t r = 0; r < rows; ++r) {
+            band.row(r, at);
+            const Float4 start = turned(inverse.pixel(static_cast<float>(first + r), 0));
+            for (std::size_t c = 0; c < n; ++c) {
+                const float u[3] = {at[0][c], at[1][c], at[2][c]};
+                for (int a = 0; a < 3; ++a)
+                    at[a][c] = start[a] + static_cast<float>(plane.index[4 * a + 3]) + static_cast<float>(c) * step[a] -
+                               (turn[0][a] * u[0] + turn[1][a] * u[1] + turn[2][a] * u[2]);
+            }
+            const std::size_t to = (first + r) * n;
+            kernel.sample(image, at, n, grey + to, seen + to);
+        }
     });
 }
 

@@ -5,15 +5,10 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "reslice_kernels.hpp"
 #include "sampling.hpp"
 
 namespace sono {
-
-struct VoxelImage {
-    const float *grey;
-    const std::uint8_t *seen;  // 0 where there is no image
-    std::array<std::size_t, 3> shape;
-};
 
 struct PixelPlane {
     double pixel[9];   // columns: step along a row, step along a column, pixel (0, 0); lattice mm
@@ -22,7 +17,8 @@ struct PixelPlane {
 };
 
 /// grey and seen (rows, columns): linear between voxels; 0 where the inverse is not found within
-/// `tolerance` mm in `most` iterations, outside the image, or at a voxel not seen.
+/// `tolerance` mm in `most` iterations, outside the image, or at a voxel not seen. Between every fourth pixel
+/// the inverse is linear, where that meets it in the middle within `tolerance`.
 void reslice(const LatticeField &, const VoxelImage &, const PixelPlane &, double tolerance, int most, float *grey,
              std::uint8_t *seen);
 

@@ -122,6 +122,22 @@ inline VecD rsqrt(VecD x) {
 #endif
 }
 
+// 1/x to about 1e-7, by an estimate and a Newton step: division stalls the pipeline.
+inline VecF reciprocal(VecF x) {
+#if defined(__AVX512F__)
+    const VecF y = (VecF)_mm512_rcp14_ps((__m512)x);
+#elif defined(__AVX2__)
+    const VecF y = (VecF)_mm256_rcp_ps((__m256)x);
+#elif defined(__SSE2__)
+    const VecF y = (VecF)_mm_rcp_ps((__m128)x);
+#else
+    return 1.0f / x;
+#endif
+#if defined(__SSE2__)
+    return y * (2.0f - x * y);
+#endif
+}
+
 // sqrt(x) and 1/sqrt(x) together; both 0 at x = 0, which is what sums over a
 // centre itself need (r = 0, and grad r taken as 0 at its kink).
 template <class T> struct Root { Vec<T> r, inverse; };

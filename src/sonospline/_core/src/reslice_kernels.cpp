@@ -1,0 +1,116 @@
+// Compiled once per instruction set (SONO_ISA names it), like kernels.cpp.
+#include "reslice_kernels.hpp"
+
+#include <algorithm>
+
+#include "vec.hpp"
+
+namespace sono {
+namespace SONO_ISA {
+namespace {
+
+class Voxels {
+  public:
+    explicit Voxels(const VoxelImage &image)
+        : image_(image), row_(static_cast<std::ptrdiff_t>(image.shape[2])),
+          plane_(row_ * static_cast<std::ptrdiff_t>(image.shape[1])) {
+        for (int a = 0; a < 3; ++a) last_[a] = static_cast<float>(image.shape[a] - 1);
+    }
+
+    bool one(const float index[3], float &grey) const {
+        std::ptrdiff_t at[3];
+        float t[3];
+        std::size_t nearest = 0;
+        for (int a = 0; a < 3; ++a) {
+            if (!(index[a] >= -0.5f && index[a] <= last_[a] + 0.5f)) return false;
+            const float inside = std::min(std::max(index[a], 0.0f), last_[a]);
+            at[a] = std::min(static_cast<std::ptrdiff_t>(inside), static_cast<std::ptrdiff_t>(last_[a]) - 1);
+            t[a] = inside - static_cast<float>(at[a]);
+            nearest = nearest * image_.shape[a] + static_cast<std::size_t>(at[a] + (t[a] >= 0.5f));
+        }
+        if (image_.seen && !image_.seen[nearest]) return false;
+        const float *corner = image_.grey + at[0] * plane_ + at[1] * row_ + at[2];
+        const float low = face(corner, t), high = face(corner + plane_, t);
+        grey = low + t[0] * (high - low);
+        return true;
+    }
+
+#if defined(__AVX2__)
+    static constexpr int width = lanes<float>;
+    typedef std::int32_t VecI __attribute__((vector_size(kBytes)));
+
+    static VecF gather(const float *from, VecI at) {
+#if defined(__AVX512F__)
+        return (VecF)_mm512_i32gather_ps((__m512i)at, from, 4);
+#else
+        return (VecF)_mm256_i32gather_ps(from, (__m256i)at, 4);
+#endif
+    }
+
+    // Places of one vector whose offsets fit 32 bits.
+    void many(const float *const index[3], std::size_t n, float *grey, std::uint8_t *seen) const {
+        VecI inside = VecI{} - 1, low[3], nearest{};
+        VecF t[3];
+        for (int a = 0; a < 3; ++a) {
+            const VecF at = load(index[a] + n);
+            inside &= (at >= -0.5f) & (at <= last_[a] + 0.5f);
+            const VecF zero = splat(0.0f), end = splat(last_[a]);
+            VecF held = at > 0.0f ? at : zero;
+            held = held < last_[a] ? held : end;
+            const VecI most = VecI{} + (static_cast<std::int32_t>(last_[a]) - 1);
+            low[a] = __builtin_convertvector(held, VecI);
+            low[a] = low[a] < most ? low[a] : most;
+            t[a] = held - __builtin_convertvector(low[a], VecF);
+            nearest = nearest * static_cast<std::int32_t>(image_.shape[a]) + low[a] - (t[a] >= 0.5f);
+        }
+        const auto row = static_cast<std::int32_t>(row_), plane = static_cast<std::int32_t>(plane_);
+        const VecI corner = (low[0] * plane + low[1] * row + low[2]) & inside;
+        const auto along = [&](std::ptrdiff_t further) {
+            const float *from = image_.grey + further;
+            const VecF a = gather(from, corner), b = gather(from + 1, corner);
+            return a + t[2] * (b - a);
+        };
+        const VecF a = along(0), b = along(row_), c = along(plane_), d = along(plane_ + row_);
+        const VecF near = a + t[1] * (b - a), far = c + t[1] * (d - c);
+        const VecF value = near + t[0] * (far - near);
+        store(grey + n, inside ? value : splat(0.0f));
+        for (int i = 0; i < width; ++i) {
+            seen[n + static_cast<std::size_t>(i)] = inside[i] && (!image_.seen || image_.seen[nearest[i]]);
+            if (!seen[n + static_cast<std::size_t>(i)]) grey[n + static_cast<std::size_t>(i)] = 0;
+        }
+    }
+#endif
+
+  private:
+    float face(const float *at, const float t[3]) const {
+        const float low = at[0] + t[2] * (at[1] - at[0]);
+        const float high = at[row_] + t[2] * (at[row_ + 1] - at[row_]);
+        return low + t[1] * (high - low);
+    }
+
+    const VoxelImage image_;
+    const std::ptrdiff_t row_, plane_;
+    float last_[3];
+};
+
+void sample(const VoxelImage &image, const float *const index[3], std::size_t n, float *grey, std::uint8_t *seen) {
+    const Voxels voxels(image);
+    std::size_t i = 0;
+#if defined(__AVX2__)
+    if (image.shape[0] * image.shape[1] * image.shape[2] < std::size_t(1) << 31)
+        for (; i + Voxels::width <= n; i += Voxels::width) voxels.many(index, i, grey, seen);
+#endif
+    for (; i < n; ++i) {
+        const float at[3] = {index[0][i], index[1][i], index[2][i]};
+        grey[i] = 0;
+        seen[i] = voxels.one(at, grey[i]);
+    }
+}
+
+}  // namespace
+
+extern const ResliceKernels reslice_kernels;
+const ResliceKernels reslice_kernels = {sample};
+
+}  // namespace SONO_ISA
+}  // namespace sono
