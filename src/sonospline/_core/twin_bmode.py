@@ -212,9 +212,9 @@ class BmodePlan:
         points = self.ray_start + depth * self.ray_step
         places = self._inverse(values, spacing, points)
         index = places @ self.label_index[:, :3].T + (self.label_index[:, 3] + 0.5)
-        inside = np.logical_and(index >= 0, index < np.array(self.labels.shape)).all(axis=-1, keepdims=True)
-        x, y, z = np.moveaxis(np.where(inside, index, 0).astype(np.int64), -1, 0)
-        label = np.where(inside[..., 0], self.labels[x, y, z], 0)
+        inside = np.all((index >= 0) & (index < np.array(self.labels.shape)), axis=-1)
+        x, y, z = np.moveaxis(np.where(inside[..., None], index, 0).astype(np.int64), -1, 0)
+        label = np.where(inside, self.labels[x, y, z], 0)
         loss = self.loss_db[label].astype(np.float64)
         z1, z2 = self.impedance[label[:-1]].astype(np.float64), self.impedance[label[1:]].astype(np.float64)
         steps = np.minimum(_MOST_LOSS_DB, -20 * np.log10(4 * z1 * z2 / (z1 + z2) ** 2))

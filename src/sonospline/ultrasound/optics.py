@@ -184,8 +184,7 @@ class Scan(NamedTuple):
         rows, columns = plane.shape
         x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
         y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)
-        flat = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 0.0), axis=-1).reshape(-1, 3)
-        r, line = probe.beam_coordinates(flat).T[:2].reshape(2, rows, columns)
+        r, line = probe.range_and_line(x.astype(np.float32), y.astype(np.float32)[:, None])
         sample = r / probe.sample_mm
         fan = (r >= 0) & (r <= probe.depth_mm) & (line >= 0) & (line <= probe.lines - 1)
         line, held = np.clip(line, 0, probe.lines - 1), np.clip(sample, 0, probe.samples - 1)

@@ -202,10 +202,16 @@ class Probe:
     def beam_coordinates(self, points: ArrayLike) -> Array:
         """Return range (mm), line (a fraction of line numbers) and elevation (mm) of image points (m, 3)."""
         x, y, z = np.asarray(points, float).T
+        return np.column_stack([*self.range_and_line(x, y), z])
+
+    def range_and_line(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return range (mm) and line of places in the image plane, any arrays that broadcast."""
+        middle = (self.lines - 1) / 2
         if not self.curved:
-            return np.column_stack([y, x / self.line_step + (self.lines - 1) / 2, z])
-        angle, reach = np.arctan2(x, y + self.apex_mm), np.hypot(x, y + self.apex_mm)
-        return np.column_stack([reach - self.apex_mm, angle / self.line_step + (self.lines - 1) / 2, z])
+            x, y = np.broadcast_arrays(x, y)
+            return y, x / self.line_step + middle
+        y = y + self.apex_mm
+        return np.hypot(x, y) - self.apex_mm, np.arctan2(x, y) / self.line_step + middle
 
     def image_points(self, beam: ArrayLike) -> Array:
         """Return image points (m, 3) of range, line and elevation; inverse of :meth:`beam_coordinates`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import logging
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -170,7 +170,7 @@ class Ultrasound:
         if not isinstance(probe, Probe):
             raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
         other = copy.copy(self)
-        for cached in ("_no_needle", "_noise", "_noise_level", "_offset_db"):
+        for cached in ("_no_needle", "_noise_level", "_offset_db"):
             other.__dict__.pop(cached, None)
         plane = picture_plane(probe, self.image_to_reference, self.plane.shape)
         other._use(probe, plane, self._aimed.margin_mm)
@@ -207,10 +207,11 @@ class Ultrasound:
             echoes, shadow = self._no_needle
         else:
             echoes, shadow = needle_echo.echo(self.needle_echo, needle, self.optics, self.image_to_reference, self.seed)
+        noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
         iq, grey, picture = self._aimed.plan.render(
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_echo.SHADOW_SOFT_MM,
-            self._noise[start:], self._noise_level, self._offset_db, self.display.range_db,
+            noise[start:], self._noise_level, self._offset_db, self.display.range_db,
         )  # fmt: skip
         return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
 
@@ -251,11 +252,6 @@ class Ultrasound:
         return np.zeros((0, 4), np.float32), shadow
 
     @cached_property
-    def _noise(self) -> NDArray[np.float32]:
-        size = _NOISE_TILES * 2 * self.probe.lines * self.probe.samples
-        return np.random.default_rng(self.seed).standard_normal(size, np.float32)
-
-    @cached_property
     def _noise_level(self) -> float:
         return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (self.display.noise_db / 20))
 
@@ -273,6 +269,11 @@ class _Aimed:
     plan: Any
     margin_mm: float
     grid: Grid | None = None
+
+
+@lru_cache(maxsize=2)
+def _noise(seed: int, size: int) -> NDArray[np.float32]:
+    return np.random.default_rng(seed).standard_normal(size, np.float32)
 
 
 def _largest(field: GridField) -> float:

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstring>
 #include <tuple>
+#include <utility>
 
 #include "bindings.hpp"
 #include "brick_kernels.hpp"
@@ -64,7 +65,7 @@ class EchoScene {
         sono::View view{{},    affine(to_image), affine(to_cell),  affine(cell_to_image), shape, spacing,
                         power.data(), power.shape(0), seed};
         std::memcpy(&view.probe, probe.data(), sizeof view.probe);
-        const sono::Choice choice = [&] {
+        sono::Choice choice = [&] {
             nb::gil_scoped_release release;
             return scene_.choose(view);
         }();
@@ -81,7 +82,9 @@ class EchoScene {
             std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
             std::copy(choice.starts.begin(), choice.starts.end(), starts.data());
         }
-        return std::tuple(frames, nodes, starts, place, amplitude, choice.amplitude_step);
+        const float amplitude_step = choice.amplitude_step;
+        scene_.reuse(std::move(choice));
+        return std::tuple(frames, nodes, starts, place, amplitude, amplitude_step);
     }
 
   private:

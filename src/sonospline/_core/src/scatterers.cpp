@@ -252,7 +252,13 @@ Choice EchoScene::choose(const View &view) {
     const std::size_t volumes = bricks.units();
     const double wanted = std::ceil(view.probe.points_per_mm2 * largest_face(tables_.map));
     const auto used = static_cast<std::size_t>(std::clamp(wanted, 1.0, static_cast<double>(copies_)));
-    std::vector<Choice::Unit> units(volumes + surfaces.size());
+    std::vector<Choice::Unit> units;
+    {
+        std::lock_guard<std::mutex> lock(spare_mutex_);
+        units.swap(spare_);
+    }
+    units.resize(volumes + surfaces.size());
+    for (Choice::Unit &unit : units) unit.echoes.clear();
     parallel_for(units.size(), [&](std::size_t unit) {
         if (unit < volumes)
             volume(view, bricks, unit, units[unit]);
@@ -262,6 +268,11 @@ Choice EchoScene::choose(const View &view) {
     Choice choice;
     choice.sort(std::move(units), view);
     return choice;
+}
+
+void EchoScene::reuse(Choice &&choice) {
+    std::lock_guard<std::mutex> lock(spare_mutex_);
+    spare_ = std::move(choice.units_);
 }
 
 // --- sorted by cell ---

@@ -93,6 +93,8 @@ class EchoScene {
     EchoScene(const EchoTables &, const InterfaceNumbers &, double no_echo);
     const std::vector<InterfaceBlock> &interfaces();
     Choice choose(const View &);
+    /// Keeps the memory of a choice for the next one: fresh pages cost as much as the work
+    void reuse(Choice &&);
 
   private:
     struct Bricks;
@@ -105,6 +107,8 @@ class EchoScene {
     const std::size_t copies_;
     std::array<double, 256> amplitude_;  // 0 where nothing echoes
     std::once_flag once_;
+    std::mutex spare_mutex_;
+    std::vector<Choice::Unit> spare_;
     std::vector<InterfaceBlock> interfaces_;
 };
 
