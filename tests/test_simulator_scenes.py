@@ -105,6 +105,19 @@ def test_the_schema_knows_every_key():
     assert not schema["additionalProperties"]
 
 
+def test_the_documentation_names_every_key():
+    from pathlib import Path
+
+    text = (Path(__file__).parents[1] / "docs" / "simulator.md").read_text()
+
+    def keys(schema):
+        for name, about in schema.get("properties", {}).items():
+            yield name
+            yield from keys(about.get("items", about))
+
+    assert [key for key in keys(scene_schema()) if f"`{key}`" not in text and f"[{key}]" not in text] == []
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
