@@ -15,7 +15,7 @@ import pytest
 from sonospline.simulator.server import PAGE
 
 REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
-PATIENCE_MS = 60_000
+PATIENCE_MS = int(os.environ.get("PATIENCE", "60000"))
 """Machines are shared: a page that is slow is not a page that is wrong."""
 
 # Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster

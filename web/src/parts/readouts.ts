@@ -6,6 +6,7 @@ import { icon } from "../icons";
 import { signless } from "../axes";
 import type { FrameHeader, Readouts as Values, Scene } from "../protocol";
 import type { Session } from "../session";
+import { parts } from "./words";
 
 const EVERY = 100;
 /** Share of the needle that may be in before its end is near. */
@@ -123,15 +124,4 @@ function number({ number: output }: Row, value: number | null, signed: boolean):
   const text = signless(value.toFixed(1));
   write(output, signed && value > 0 && text !== "0.0" ? `+${text}` : text);
   output.dataset.value = value.toFixed(3);
-}
-
-const WORDS = [["left", "right"], ["shallower", "deeper"], ["towards you", "away"]] as const;
-
-/** The two largest parts of a displacement in words. */
-export function parts(moved: readonly number[] | null): string {
-  if (!moved) return "";
-  const named = moved.map((size, k) => ({ size: Math.abs(size), word: WORDS[k][size > 0 ? 1 : 0], place: k }));
-  const largest = [...named].sort((a, b) => b.size - a.size).slice(0, 2);
-  const kept = largest.filter(({ size }) => size >= 0.05).sort((a, b) => a.place - b.place);
-  return kept.length ? kept.map(({ size, word }) => `${size.toFixed(1)} ${word}`).join(", ") : "at rest";
 }

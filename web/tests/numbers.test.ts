@@ -1,0 +1,119 @@
+import { describe, expect, it } from "vitest";
+import { put, show, signless } from "../src/axes";
+import { Caution } from "../src/caution";
+import { liveAddress, retryDelay } from "../src/connection";
+import { axisTop, Curves } from "../src/curves";
+import { stick } from "../src/input/gamepad";
+import { Meter } from "../src/latency";
+import { parts } from "../src/parts/words";
+import type { FrameHeader, Limits, State } from "../src/protocol";
+import { cividis, roundUp } from "../src/view3d/cividis";
+import { framed } from "../src/view3d/framing";
+import { adopt, same } from "../src/wish";
+
+const state: State = {
+  needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
+  probe: { slide: 0, sweep: 0, rotate: 0, fan: 0 },
+  image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 },
+  frozen: false,
+};
+const limits = { needle: { depth: [0, 150] }, probe: {}, image: {} } as unknown as Limits;
+
+describe("numbers as they are shown", () => {
+  it("has a true minus, no negative zero, and places only where they say something", () => {
+    expect([signless("-0.0"), signless("-2.5")]).toEqual(["0.0", "\u22122.5"]);
+    expect([show("depth", 120), show("focus", 65), show("fan", -4), show("slide", 12)]).toEqual(["12", "6.5", "\u22124", "12.0"]);
+  });
+
+  it("says the two largest parts of a displacement", () => {
+    expect(parts([1.8, 2.6, -0.3])).toBe("1.8 right, 2.6 deeper");
+    expect(parts([0, 0.01, 0])).toBe("at rest");
+    expect(parts(null)).toBe("");
+  });
+});
+
+describe("wishes", () => {
+  it("stay within their limits", () => {
+    expect(put(state, "push", 200, limits).needle.depth).toBe(150);
+    expect(put(state, "push", -1, limits).needle.depth).toBe(0);
+  });
+
+  it("give way only where the server did not follow", () => {
+    const sent = { ...state, needle: { ...state.needle, depth: 80, angle: 70 } };
+    const force = { ...sent, needle: { ...sent.needle, depth: 76.5 } };
+    const wish = { ...sent, needle: { ...sent.needle, depth: 82, angle: 71 } };
+    const next = adopt(wish, sent, force);
+    expect([next.needle.depth, next.needle.angle]).toEqual([76.5, 71]);
+    expect(adopt(wish, sent, sent)).toBe(wish);
+    expect(same(next, wish)).toBe(false);
+  });
+});
+
+describe("latency", () => {
+  it("is the median of pose sent to its frame drawn, by number", () => {
+    const meter = new Meter();
+    [0, 10, 20].forEach((at, k) => meter.poseSent(k + 1, at));
+    meter.frameDrawn(1, 30);
+    meter.frameDrawn(3, 50);
+    meter.frameDrawn(3, 60);
+    expect(meter.latency(60)).toBe(30);
+    expect(meter.rate(60)).toBe(3);
+    expect(meter.rate(1055)).toBe(1);
+  });
+});
+
+describe("cautions", () => {
+  it("come after their delay and go 10 % below the limit", () => {
+    const caution = new Caution(100, 300);
+    expect([caution.update(120, 0), caution.update(120, 299), caution.update(120, 300)]).toEqual([false, false, true]);
+    expect([caution.update(95, 400), caution.update(89, 500)]).toEqual([true, false]);
+  });
+});
+
+describe("hands and links", () => {
+  it("leaves a dead zone and cubes the rest", () => {
+    expect([stick(0.1), stick(-0.12), stick(1), stick(-1)]).toEqual([0, 0, 1, -1]);
+    expect(stick(0.56)).toBeCloseTo(0.125);
+  });
+
+  it("tries again after 0.5, 1, 2, 4, then every 5 s", () => {
+    expect([1, 2, 3, 4, 5, 50].map(retryDelay)).toEqual([0.5, 1, 2, 4, 5, 5]);
+  });
+
+  it("finds the socket beside the page, with its token", () => {
+    expect(liveAddress("http://127.0.0.1:8765/?token=abc#x")).toBe("ws://127.0.0.1:8765/live?token=abc");
+  });
+});
+
+describe("curves", () => {
+  const header = (depth: number, moved: number, u = 0) => ({ readouts: { depth, moved }, state: { needle: { u, v: 0 } } }) as unknown as FrameHeader;
+  it("keep one for each model until the entry changes", () => {
+    const curves = new Curves();
+    curves.add("paper", header(10, 1));
+    curves.add("elastic", header(10, 0.5));
+    curves.add("elastic", header(5, 0.2));
+    expect(curves.get("elastic")).toEqual([[5, 0.2], [10, 0.5]]);
+    curves.add("elastic", header(1, 0.1, 20));
+    expect(curves.models).toEqual(["elastic"]);
+  });
+
+  it("have round axes", () => {
+    expect(axisTop(67, 80, 4)).toEqual({ top: 80, step: 20 });
+    expect(axisTop(4.1, 2, 2)).toEqual({ top: 10, step: 5 });
+  });
+});
+
+describe("the 3-D view", () => {
+  it("has every point in sight", () => {
+    const { centre, distance } = framed([[-50, -10, 0], [50, 10, 0]], [0, 0, 1], [0, 1, 0], 1);
+    expect(centre).toEqual([0, 0, 0]);
+    expect(50 / distance).toBeLessThan(Math.tan(Math.PI / 12));
+  });
+
+  it("begins its colours at 22 % and ends at yellow", () => {
+    const colour = [0, 0, 0];
+    cividis(1, colour, 0);
+    expect(colour[0]).toBeGreaterThan(0.98);
+    expect([roundUp(0.3), roundUp(3.2), roundUp(5)]).toEqual([0.5, 5, 5]);
+  });
+});
