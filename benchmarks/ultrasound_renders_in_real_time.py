@@ -1,4 +1,4 @@
-"""Ultrasound in real time: synthetic frames, frames with the needle moving, slices of a volume, and the NumPy twin.
+"""Ultrasound in real time: frames, with the needle or the probe moving, slices of a volume, and the NumPy twin.
 
 Curvilinear kidney scene, 192 lines x 1024 samples to 512 x 512 pixels, field of 148,877 nodes or so. Prints
 medians and minima of each, frames a second, the ratio of the twin to the core, and how far they differ.
@@ -11,8 +11,10 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 import sonospline as ss
 from sonospline import _core
@@ -50,7 +52,7 @@ def main() -> None:
     scanner = Ultrasound(phantom.scene, Probe.curvilinear(), phantom.probe_pose, picture_shape=(512, 512))
     start = time.perf_counter()
     scanner.render(field, needle)
-    print(f"scatterers chosen in {time.perf_counter() - start:.2f} s; {grid.node_count:,} nodes")
+    print(f"first frame in {time.perf_counter() - start:.2f} s; {grid.node_count:,} nodes")
     print(f"{'':38s} {'median':>8s} {'least':>8s} {'frames/s':>10s} {'at best':>10s} {'target':>10s}")
     count = arguments.frames
     timed("render only", lambda k: scanner.render(field, needle, frame=k), count, 100)
@@ -59,6 +61,24 @@ def main() -> None:
         return scanner.render(ss.GridField.of(insertion.advance(steps[k])), steps[k], frame=k)
 
     timed("deform and render, needle moving", deform_and_render, count, 60)
+
+    def pose_at(offset: tuple[float, float, float]) -> NDArray[np.float64]:
+        pose = phantom.probe_pose.copy()
+        pose[:3, 3] += offset
+        return pose
+
+    def nudged(k: int) -> object:
+        return scanner.moved(pose_at((0.3 * k, 0, 0))).render(field, needle)
+
+    def jumped(k: int) -> object:
+        return scanner.moved(pose_at((0, 8.0 * (k % 2), 0))).render(field, needle)
+
+    def turned(k: int) -> object:
+        return scanner.with_probe(replace(scanner.probe, depth_mm=100.0 + k % 20)).render(field, needle)
+
+    timed("moved probe, first frame (50 ms)", nudged, count // 2, 20)
+    timed("probe put elsewhere (150 ms)", jumped, count // 2, 1e3 / 150)
+    timed("another depth (150 ms)", turned, count // 2, 1e3 / 150)
     block = layered_block()
     lattice = block.grid(148_877)
     entry_face = lattice.nearest_face(default_needle().entry)

@@ -26,6 +26,12 @@ Point mapped(const Affine34 &m, const Point &p) {
     return out;
 }
 
+// std::floor is a function call where the instruction set is the oldest.
+std::int64_t below(double x) {
+    const auto whole = static_cast<std::int64_t>(x);
+    return whole - (static_cast<double>(whole) > x);
+}
+
 // splitmix64's finaliser over the three indices.
 std::uint64_t hash_of(const std::ptrdiff_t brick[3], std::uint64_t seed) {
     std::uint64_t x = (seed + 1) & 0xFFFFFFFFu;
@@ -127,7 +133,8 @@ double EchoScene::texture(int label, const double place[3]) const {
     std::size_t low[3], high[3];
     double t[3];
     for (int a = 0; a < 3; ++a) {
-        const double index = place[a] * tables_.texture_step[3 * label + a], at = index - side * std::floor(index / side);
+        const double index = place[a] * tables_.texture_step[3 * label + a];
+        const double at = std::max(index - side * static_cast<double>(below(index / side)), 0.0);
         low[a] = std::min(static_cast<std::size_t>(at), tables_.texture_side - 1);
         t[a] = at - static_cast<double>(low[a]);
         high[a] = low[a] + 1 == tables_.texture_side ? 0 : low[a] + 1;
@@ -238,9 +245,8 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
         std::array<std::int32_t, 3> cell, place;
         const Point index = mapped(view.to_cell, local);
         for (int a = 0; a < 3; ++a) {
-            const double whole = std::floor(index[a]);
-            cell[a] = static_cast<std::int32_t>(whole);
-            place[a] = static_cast<std::int32_t>(std::min((index[a] - whole) * 65536, 65535.0));
+            cell[a] = static_cast<std::int32_t>(below(index[a]));
+            place[a] = static_cast<std::int32_t>(std::min((index[a] - cell[a]) * 65536, 65535.0));
         }
         out.add(cell, place, strength * std::sqrt(power));
     }
@@ -324,12 +330,13 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
         int strip;
         float range;
         std::int32_t slot;
+        std::size_t found;  // its number before sorting
     };
     std::vector<Cell> cells;
     for (std::size_t slot = 0; slot < counts.size(); ++slot)
-        if (counts[slot]) cells.push_back({0, 0, static_cast<std::int32_t>(slot)});
-    std::vector<CellFrame> frame_of(counts.size());
-    std::vector<CellNodes> nodes_of(counts.size());
+        if (counts[slot]) cells.push_back({0, 0, static_cast<std::int32_t>(slot), cells.size()});
+    std::vector<CellFrame> frame_of(cells.size());
+    std::vector<CellNodes> nodes_of(cells.size());
     const ViewNumbers &p = view.probe;
     const std::ptrdiff_t strides[3] = {static_cast<std::ptrdiff_t>(view.shape[1] * view.shape[2]),
                                        static_cast<std::ptrdiff_t>(view.shape[2]), 1};
@@ -347,8 +354,8 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
             const double range = p.curved != 0 ? reach - p.apex_mm : at[1];
             const double line = (p.curved != 0 ? angle : at[0]) / p.line_step + (p.lines - 1) / 2;
             const double cycles = range * p.cycles_per_mm;
-            CellFrame &frame = frame_of[static_cast<std::size_t>(slot)];
-            CellNodes &node = nodes_of[static_cast<std::size_t>(slot)];
+            CellFrame &frame = frame_of[i];
+            CellNodes &node = nodes_of[i];
             std::ptrdiff_t first = 0;
             for (int a = 0; a < 3; ++a) {
                 const double x = view.cell_to_image[a] / view.spacing[a], d = view.cell_to_image[4 + a] / view.spacing[a];
@@ -378,13 +385,13 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
     for (std::size_t rank = 0; rank < cells.size(); ++rank) {
         const auto slot = static_cast<std::size_t>(cells[rank].slot);
         rank_[slot] = static_cast<std::int32_t>(rank);
-        frames.push_back(frame_of[slot]), nodes.push_back(nodes_of[slot]);
+        frames.push_back(frame_of[cells[rank].found]), nodes.push_back(nodes_of[cells[rank].found]);
         starts.push_back(starts.back() + counts[slot]);
     }
 }
 
 void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride) const {
-    constexpr std::size_t parts = 4;  // each lays out its share of the cells
+    const auto parts = static_cast<std::size_t>(thread_count());  // each lays out its share of the cells
     const float scale = 1 / amplitude_step;
     std::vector<std::int32_t> next(starts);
     parallel_for(parts, [&](std::size_t part) {
@@ -396,7 +403,8 @@ void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t st
                 if (rank < first || rank >= last) continue;
                 const auto at = static_cast<std::size_t>(next[static_cast<std::size_t>(rank)]++);
                 for (int a = 0; a < 3; ++a) place[static_cast<std::size_t>(a) * stride + at] = echo.place[a];
-                amplitude[at] = static_cast<std::int16_t>(std::nearbyint(echo.amplitude * scale));
+                const float level = echo.amplitude * scale;
+                amplitude[at] = static_cast<std::int16_t>(level + (level < 0 ? -0.5f : 0.5f));
             }
     });
     for (std::size_t at = size(); at < size() + kEchoSlack; ++at) {
