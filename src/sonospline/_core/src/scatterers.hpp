@@ -43,6 +43,13 @@ struct InterfaceNumbers {
 };
 
 using Affine34 = std::array<double, 12>;
+using Point = std::array<double, 3>;
+
+inline Point mapped(const Affine34 &m, const Point &p) {
+    Point out;
+    for (int a = 0; a < 3; ++a) out[a] = m[4 * a] * p[0] + m[4 * a + 1] * p[1] + m[4 * a + 2] * p[2] + m[4 * a + 3];
+    return out;
+}
 
 /// A probe at a pose over a displacement lattice.
 struct View {
