@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <vector>
 
@@ -12,12 +13,12 @@
 namespace sono {
 namespace {
 
-constexpr std::size_t kStep = 4;       // pixels between those at which the inverse map is found
+constexpr std::size_t kStep = 4;  // pixels between those at which the inverse map is found: a vector of them
 constexpr std::size_t kRowsPerBlock = 32;
 
-/// A displacement found at a pixel of the image.
+/// A displacement found at a pixel of the image, and the voxel it leads to.
 struct Found {
-    Float4 u{};
+    Float4 u{}, voxel{};
     bool known = false;
 };
 
@@ -31,6 +32,8 @@ class Inverse {
         for (int a = 0; a < 3; ++a) {
             along_[a] = static_cast<float>(plane.pixel[3 * a]), down_[a] = static_cast<float>(plane.pixel[3 * a + 1]);
             corner_[a] = static_cast<float>(plane.pixel[3 * a + 2]);
+            offset_[a] = static_cast<float>(plane.index[4 * a + 3]);
+            for (int b = 0; b < 3; ++b) turn_[b][a] = static_cast<float>(plane.index[4 * a + b]);
         }
     }
     Float4 pixel(float row, float column) const { return corner_ + column * along_ + row * down_; }
@@ -42,10 +45,11 @@ class Inverse {
         for (int step = 0; step < most_; ++step) {
             const Float4 u = displacement_(x), change = p - u - x;
             x += change;
-            if (squared(change) <= enough_) return {u, true};
+            if (squared(change) <= enough_) return {u, voxel(p - u), true};
         }
         return {};
     }
+    Float4 voxel(Float4 x) const { return offset_ + turn_[0] * x[0] + turn_[1] * x[1] + turn_[2] * x[2]; }
     // Whether blocks are small beside the cells of the field, so that a look at the middle tells how it bends.
     bool fine(const LatticeField &field) const {
         const double block = kStep * std::sqrt(std::max(squared(along_), squared(down_)));
@@ -57,14 +61,14 @@ class Inverse {
     const Trilinear4 displacement_;
     const float enough_;
     const int most_;
-    Float4 along_{}, down_{}, corner_{};
+    Float4 along_{}, down_{}, corner_{}, offset_{}, turn_[3] = {};
 };
 
 /// A band of rows: found at every fourth pixel, linear between where that is good enough.
 class Band {
   public:
     Band(const Inverse &inverse, bool fine, std::size_t first, std::size_t rows, std::size_t columns)
-        : inverse_(inverse), first_(first), across_(columns / kStep + 2), columns_(columns) {
+        : inverse_(inverse), first_(first), across_(columns / kStep + 2) {
         const std::size_t down = (rows + kStep - 1) / kStep + 1;
         nodes_.resize(down * across_);
         linear_.resize((down - 1) * (across_ - 1));
@@ -83,23 +87,21 @@ class Band {
             }
     }
 
-    // Displacements (3 rows of columns) along one row; NaN where there is none.
-    void row(std::size_t number, float *const u[3]) const {
+    // Voxel indices (3 rows of whole blocks of columns) along one row; NaN where there are none.
+    void row(std::size_t number, float *const at[3]) const {
         const std::size_t r = number / kStep;
         const float t = static_cast<float>(number % kStep) / kStep;
+        const auto between = [&](std::size_t c) { return node(r, c).voxel + t * (node(r + 1, c).voxel - node(r, c).voxel); };
+        constexpr Float4 quarters = {0, 0.25f, 0.5f, 0.75f};
+        Float4 left = between(0);
         for (std::size_t c = 0; c + 1 < across_; ++c) {
-            const Float4 left = node(r, c).u + t * (node(r + 1, c).u - node(r, c).u);
-            const Float4 right = node(r, c + 1).u + t * (node(r + 1, c + 1).u - node(r, c + 1).u);
-            const bool good = linear_[r * (across_ - 1) + c];
-            for (std::size_t i = 0; i < kStep && c * kStep + i < columns_; ++i) {
-                const std::size_t column = c * kStep + i;
-                Float4 v = left + (static_cast<float>(i) / kStep) * (right - left);
-                if (!good) {
-                    const Found found = inverse_.at(static_cast<float>(first_ + number), static_cast<float>(column), v);
-                    v = found.known ? found.u : Float4{} + std::numeric_limits<float>::quiet_NaN();
-                }
-                for (int a = 0; a < 3; ++a) u[a][column] = v[a];
+            const Float4 right = between(c + 1), change = right - left;
+            for (int a = 0; a < 3; ++a) {
+                const Float4 four = left[a] + quarters * change[a];
+                std::memcpy(at[a] + c * kStep, &four, sizeof four);
             }
+            if (!linear_[r * (across_ - 1) + c]) one_by_one(number, c, at);
+            left = right;
         }
     }
 
@@ -108,8 +110,18 @@ class Band {
     float row_of(std::size_t r) const { return static_cast<float>(first_ + r * kStep); }
     static float column_of(std::size_t c) { return static_cast<float>(c * kStep); }
 
+    void one_by_one(std::size_t number, std::size_t c, float *const at[3]) const {
+        Float4 u = node(number / kStep, c).u;
+        for (std::size_t column = c * kStep; column < (c + 1) * kStep; ++column) {
+            const Found found = inverse_.at(static_cast<float>(first_ + number), static_cast<float>(column), u);
+            if (found.known) u = found.u;
+            for (int a = 0; a < 3; ++a)
+                at[a][column] = found.known ? found.voxel[a] : std::numeric_limits<float>::quiet_NaN();
+        }
+    }
+
     const Inverse &inverse_;
-    const std::size_t first_, across_, columns_;
+    const std::size_t first_, across_;
     std::vector<Found> nodes_;
     std::vector<char> linear_;
 };
@@ -121,27 +133,15 @@ void reslice(const LatticeField &field, const VoxelImage &image, const PixelPlan
     const ResliceKernels &kernel = *kernels().reslice;
     const Inverse inverse(field, plane, tolerance, most);
     const bool fine = inverse.fine(field);
-    // voxel index = from + column * step - (turn) u
-    Float4 turn[3] = {};
-    for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) turn[b][a] = static_cast<float>(plane.index[4 * a + b]);
-    const auto turned = [&](Float4 v) { return turn[0] * v[0] + turn[1] * v[1] + turn[2] * v[2]; };
-    const Float4 step = turned(inverse.pixel(0, 1) - inverse.pixel(0, 0));
     parallel_for((plane.rows + kRowsPerBlock - 1) / kRowsPerBlock, [&](std::size_t block) {
         const std::size_t first = block * kRowsPerBlock, n = plane.columns;
         const std::size_t rows = std::min(plane.rows, first + kRowsPerBlock) - first;
         const Band band(inverse, fine, first, rows, n);
-        std::vector<float> memory(3 * n);
-        float *const at[3] = {memory.data(), memory.data() + n, memory.data() + 2 * n};
+        const std::size_t stride = n + 2 * kStep;
+        std::vector<float> memory(3 * stride);
+        float *const at[3] = {memory.data(), memory.data() + stride, memory.data() + 2 * stride};
         for (std::size_t r = 0; r < rows; ++r) {
             band.row(r, at);
-            const Float4 start = turned(inverse.pixel(static_cast<float>(first + r), 0));
-            for (std::size_t c = 0; c < n; ++c) {
-                const float u[3] = {at[0][c], at[1][c], at[2][c]};
-                for (int a = 0; a < 3; ++a)
-                    at[a][c] = start[a] + static_cast<float>(plane.index[4 * a + 3]) + static_cast<float>(c) * step[a] -
-                               (turn[0][a] * u[0] + turn[1][a] * u[1] + turn[2][a] * u[2]);
-            }
             const std::size_t to = (first + r) * n;
             kernel.sample(image, at, n, grey + to, seen + to);
         }

@@ -38,6 +38,7 @@ class Voxels {
 #if defined(__AVX2__)
     static constexpr int width = lanes<float>;
     typedef std::int32_t VecI __attribute__((vector_size(kBytes)));
+    typedef std::uint8_t Bytes __attribute__((vector_size(kBytes / 4)));
 
     static VecF gather(const float *from, VecI at) {
 #if defined(__AVX512F__)
@@ -73,11 +74,11 @@ class Voxels {
         const VecF a = along(0), b = along(row_), c = along(plane_), d = along(plane_ + row_);
         const VecF near = a + t[1] * (b - a), far = c + t[1] * (d - c);
         const VecF value = near + t[0] * (far - near);
+        if (image_.seen)
+            for (int i = 0; i < width; ++i) inside[i] &= -(image_.seen[nearest[i] & inside[i]] != 0);
         store(grey + n, inside ? value : splat(0.0f));
-        for (int i = 0; i < width; ++i) {
-            seen[n + static_cast<std::size_t>(i)] = inside[i] && (!image_.seen || image_.seen[nearest[i]]);
-            if (!seen[n + static_cast<std::size_t>(i)]) grey[n + static_cast<std::size_t>(i)] = 0;
-        }
+        const Bytes shown = __builtin_convertvector(inside & 1, Bytes);
+        std::memcpy(seen + n, &shown, sizeof shown);
     }
 #endif
 
