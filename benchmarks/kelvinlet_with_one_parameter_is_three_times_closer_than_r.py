@@ -77,6 +77,7 @@ def main():
         front = search(Objective(tuned_on), seed=0, workers=2, **budget)
         by_insertion = errors_at_target(held_out, front.model())
         theirs = shown("U = r, seven parameters", [e for name, e in by_insertion.items() if name != "mean"])
+        print(f"    its parameters: {np.round(front.designs[front.chosen], 5).tolist()}")
         ratios[case] = theirs / ours[0.1]
         print(f"  U = r over the Kelvinlet of eps 0.1: {ratios[case]:.2f}")
 

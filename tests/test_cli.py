@@ -327,10 +327,21 @@ def test_a_nameless_label_is_refused_and_named(label_files, tmp_path, capsys):
     assert "labels [3] have no name" in capsys.readouterr().err
 
 
+def test_labels_of_another_geometry_than_the_image_are_resampled_or_refused(label_files, tmp_path, capsys):
+    for name, origin in (("partly", (10.0, -5.0, 3.0)), ("elsewhere", (500.0, 0.0, 0.0))):
+        image = Volume(voxels=np.zeros((30, 32, 28), np.int16), spacing=(1.5, 1.2, 1.7), origin=np.array(origin))
+        write_volume(image, tmp_path / f"{name}.nii.gz")
+    arguments = ("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", *SMALL)
+    path = ("--entry", "10,18,18", "--target", "24,20,20")
+    assert insert("--volume", tmp_path / "partly.nii.gz", *path, *arguments) == 0
+    elsewhere = ("--entry", "500,18,18", "--target", "524,20,20")
+    assert insert("--volume", tmp_path / "elsewhere.nii.gz", *elsewhere, *arguments) == 2
+    assert "labels do not overlap the tissue's box" in capsys.readouterr().err
+
+
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.is_dir(), reason="the shared abdominal label map is not on this machine")
-def test_a_real_abdomen_in_one_command(tmp_path, capsys):
-    labels = DATA / "abdomen_labels.nii.gz"
+def test_a_real_abdomen_in_one_command(shared_data, tmp_path, capsys):
+    labels = shared_data / "abdomen_labels.nii.gz"
     assert insert("--labels", labels, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["error_estimate"] <= 5e-3 and printed["max_displacement_mm"] > 0.5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from elastic_scenes import away_from_reference, bone_of
+from elastic_scenes import away_from_reference, bone_of, consistent_load
 from sonospline import _core
 from sonospline.elastic import (
     SCENES,
@@ -43,7 +43,8 @@ def test_the_converged_field_is_that_of_scikit_fem(backend, ratio, integration):
     solver = ElasticSolver(cube(9), material, nodes=9**3, integration=integration)
     model = FiniteElementModel(cube(9), material, integration=integration, solver="direct")
     expected = np.moveaxis(model.solve(LineForce(), NEEDLE), -1, 0)
-    assert difference(solver.solve(LineForce(), NEEDLE, tolerance=1e-5).displacement, expected) < 1e-4
+    forces = consistent_load(LineForce(), NEEDLE, solver.grid)
+    assert difference(solver.equilibrium(forces, tolerance=1e-5).displacement, expected) < 1e-4
 
 
 @pytest.mark.parametrize("face", ["y-", "z+"])
@@ -59,7 +60,7 @@ def test_another_face_is_free_and_the_box_any(face, a_rotation):
     expected = FiniteElementModel(solver_tissue, Material(10), integration="mean_dilatation", solver="direct").solve(
         load, needle
     )
-    state = solver.solve(load, needle, tolerance=1e-5)
+    state = solver.equilibrium(consistent_load(load, needle, solver.grid), tolerance=1e-5)
     assert difference(solver.field(state).values, expected) < 1e-4
 
 
@@ -236,6 +237,16 @@ def test_a_needle_outside_is_refused_and_named():
         solver.step(solver.rest, LineForce(), ss.Needle((0, 0.5, 0.5), (1.2, 0.5, 0.5)))
 
 
+def test_forces_that_do_not_fit_the_grid_are_refused():
+    solver = ElasticSolver(cube(), nodes=SMALL)
+    with pytest.raises(
+        ValueError, match=r"forces has shape \(3, 5, 5, 5\); give finite ones of shape \(3, 13, 13, 13\)"
+    ):
+        solver.equilibrium(np.zeros((3, 5, 5, 5)))
+    with pytest.raises(ValueError, match="give finite ones"):
+        solver.equilibrium(np.full((3, 13, 13, 13), np.nan))
+
+
 def test_a_prescribed_displacement_is_refused():
     solver = ElasticSolver(cube(), nodes=SMALL)
     with pytest.raises(ValueError, match="is not a force; give a LineForce"):
@@ -257,6 +268,8 @@ def test_cells_halve_well_and_are_nearly_cubic():
     [
         (lambda: ElasticSolver(cube(), Material(1, 0.495)), r"poissons_ratio = 0.495 is out of range; give 0 to 0.49"),
         (lambda: TissueMaterial(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
+        (lambda: TissueMaterial(stiffness_kpa=-3), "stiffness_kpa = -3 is out of range"),
+        (lambda: TissueMaterial(stiffness_kpa=1, poissons_ratio=-0.1), "poissons_ratio = -0.1 is out of range"),
         (lambda: TissueMaterial(stiffness_kpa=1, poissons_ratio=0.5), "poissons_ratio = 0.5 is out of range"),
         (
             lambda: ElasticSolver(ss.Tissue(ss.Grid(shape=(23, 3, 12), spacing=(1, 1, 1)))),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._canvas import blank
+from .figure_mesh import NEEDLE
 from .report_models import MODELS
 from .study import mean_rows
 
@@ -24,7 +25,8 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
     Parameters
     ----------
     maps : dict of str to dict
-        For each scene, (nx, ny) lists: ``reference`` displacement, the error of each model, ``labels``.
+        For each scene, (nx, nz) lists: ``reference`` displacement, the error of each model, ``labels``;
+        and the ends of the ``needle`` in nodes.
     path : Path
         File to write.
     """
@@ -50,6 +52,7 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
             labels = np.array(fields["labels"]).T
             for label in np.unique(labels)[1:]:
                 panel.contour(labels == label, levels=[0.5], colors="white", linewidths=0.7)
+        column[0].plot(*np.transpose(fields["needle"]), color=NEEDLE, lw=1.5)
         column[0].set_title(scene)
     for row, name in zip(panels, ("reference", *_SHOWN), strict=True):
         label = "finite elements, |u|" if name == "reference" else f"error, {MODELS[name]}"
@@ -74,12 +77,11 @@ def draw_depths(rows: list[Row], path: Path) -> None:
     figure = blank(3.1 * len(scenes), 4.0)
     panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
     for panel, scene in zip(panels, scenes, strict=True):
-        for model, label in MODELS.items():
+        for number, (model, label) in enumerate(MODELS.items()):
             line = [(row["depth"], row["relative"]) for row in means if (row["scene"], row["model"]) == (scene, model)]
             if line:
-                panel.semilogy(
-                    *zip(*line, strict=True), marker="o", ms=3, label=label, lw=2.2 if model == "elastic" else 1.3
-                )
+                style = {"marker": "o", "ms": 3, "lw": 2.2 if model == "elastic" else 1.3}
+                panel.semilogy(*zip(*line, strict=True), label=label, color=f"C{number}", **style)
         panel.axhline(1, color="0.4", ls=":", lw=1.2, label="doing nothing")
         panel.set_title(scene)
         panel.set_xlabel("depth (of the way)")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elastic import SCENES, ElasticInsertion, ElasticSolver, TissueMap, scene
+from ..elastic import SCENES, ElasticInsertion, ElasticSolver, scene
 from ..elastic.scenes import TISSUES
 from ..fem import LineForce, Material, ShaftDisplacement
 from ..grid import Grid
@@ -34,8 +34,8 @@ _DIGITS = 4
 class Scope:
     """How much is compared."""
 
-    insertions: tuple[str, ...] = ("H2", "H1", "H3", "H4", "H5")
-    """Names of the held-out insertions; the first is drawn."""
+    insertions: tuple[str, ...] = ("H3", "H1", "H2", "H4", "H5")
+    """Names of the held-out insertions; the first is drawn. H3 lies in the plane that all inclusions meet."""
     fine: int = 97
     """Nodes a side of the reference; every second of them is compared."""
     side: int = 25
@@ -59,13 +59,14 @@ def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: Nee
     stiffness: they were tuned in homogeneous tissue on this load.
     """
     tissue, tissues = scope.display, scene(name)
-    depths = [(k + 1) / scope.depths for k in range(scope.depths)]
-    whole = plan.on(tissue)
-    needles = [Needle(whole.entry, whole.at(depth)) for depth in depths]
+    needles = _needles(scope, plan)
+    whole, depths = needles[-1], [(k + 1) / scope.depths for k in range(scope.depths)]
     fine = ElasticSolver(tissue, tissues, nodes=scope.fine**3)
     states = (fine.solve(LineForce(), needle, tolerance=_REFERENCE_ERROR) for needle in needles)
     expected = [np.moveaxis(state.displacement, 0, -1)[::2, ::2, ::2].astype(float) for state in states]
-    found = dict(_friction_models(scope, tissues, tuned, needles))
+    found = _without_labels(scope, plan, tuned) if len(tissues.materials) > 1 else _kernel_fields(scope, plan, tuned)
+    live = ElasticInsertion(tissue, tissues, LineForce(), nodes=scope.side**3)
+    found = {**found, "elastic": _live(live, needles, scope.frames)}
     labels = tissues.labels_at(tissue.grid.points).reshape(tissue.grid.shape)
     rows: list[Row] = []
     for model, fields in found.items():
@@ -74,8 +75,10 @@ def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: Nee
             errors["tip_share"] = errors["at_tip"] / float(np.linalg.norm(reference, axis=-1).max())
             rows.append({"scene": name, "insertion": plan.name, "model": model, "depth": depth} | errors)
         rows[-1]["tissues"] = _by_tissue(name, labels, fields[-1], expected[-1])
-    maps = {"reference": _slice(expected[-1])} | {m: _slice(f[-1] - expected[-1]) for m, f in found.items()}
-    return {"rows": rows, "maps": maps | {"labels": labels[:, :, labels.shape[2] // 2].tolist()}}
+    maps: Row = {"reference": _slice(expected[-1])} | {m: _slice(f[-1] - expected[-1]) for m, f in found.items()}
+    maps["labels"] = labels[:, labels.shape[1] // 2].tolist()
+    maps["needle"] = (np.stack([whole.entry, whole.tip])[:, ::2] / tissue.grid.spacing[0]).tolist()
+    return {"rows": rows, "maps": maps}
 
 
 def held_factors(scope: Scope, tuned: NeedleTissueModel) -> dict[str, float]:
@@ -105,9 +108,9 @@ def compare_held(
     tissue, load = Tissue(Grid.unit_cube(scope.side)), ShaftDisplacement()
     needle = plan.on(tissue)
     expected = held_shaft(ElasticSolver(tissue, scene(name), nodes=scope.side**3), load, needle)
-    found = {model: factors[model] * _field(one, needle) for model, one in _kernels(tissue, tuned).items()}
-    if name != "homogeneous":
-        found["one stiffness"] = held_shaft(ElasticSolver(tissue, Material(), nodes=scope.side**3), load, needle)
+    found = {model: factors.get(model, 1.0) * u for model, u in _held_without_labels(scope, plan, tuned).items()}
+    if name == "homogeneous":
+        del found["one stiffness"]
     rows = []
     for model, field in found.items():
         errors = asdict(displacement_errors(field, expected, grid=tissue.grid, tip=needle.tip))
@@ -116,20 +119,38 @@ def compare_held(
     return rows
 
 
-def _friction_models(
-    scope: Scope, tissues: TissueMap, tuned: NeedleTissueModel, needles: list[Needle]
-) -> Iterator[tuple[str, list[Array]]]:
-    """Each model's displacement at each pose."""
-    tissue, load = Tissue(scope.display.grid), LineForce()
-    for model, insertion in _kernels(tissue, tuned).items():
-        yield model, [_field(insertion, needle) for needle in needles]
-    makers: dict[str, Callable[[], ElasticInsertion]] = {
-        "elastic": lambda: ElasticInsertion(tissue, tissues, load, nodes=scope.side**3)
+@lru_cache(maxsize=1)  # the same in every scene
+def _kernel_fields(scope: Scope, plan: PlannedInsertion, tuned: NeedleTissueModel) -> dict[str, list[Array]]:
+    """Each kernel's displacement at each depth, case F."""
+    needles = _needles(scope, plan)
+    return {
+        model: [_field(insertion, needle) for needle in needles]
+        for model, insertion in _kernels(scope.display, tuned).items()
     }
-    if len(tissues.materials) > 1:
-        makers["one stiffness"] = lambda: ElasticInsertion(tissue, Material(), load, nodes=scope.side**3)
-    for model, make in makers.items():
-        yield model, _live(make(), needles, scope.frames)
+
+
+@lru_cache(maxsize=1)
+def _without_labels(scope: Scope, plan: PlannedInsertion, tuned: NeedleTissueModel) -> dict[str, list[Array]]:
+    """What the models that know no labels say: the kernels, and finite elements of one stiffness."""
+    uniform = ElasticInsertion(scope.display, Material(), LineForce(), nodes=scope.side**3)
+    return {
+        **_kernel_fields(scope, plan, tuned),
+        "one stiffness": _live(uniform, _needles(scope, plan), scope.frames),
+    }
+
+
+@lru_cache(maxsize=1)
+def _held_without_labels(scope: Scope, plan: PlannedInsertion, tuned: NeedleTissueModel) -> dict[str, Array]:
+    """The same at full depth, case D."""
+    tissue = Tissue(Grid.unit_cube(scope.side))
+    uniform, needle = ElasticSolver(tissue, Material(), nodes=scope.side**3), plan.on(tissue)
+    fields = {model: _field(insertion, needle) for model, insertion in _kernels(tissue, tuned).items()}
+    return fields | {"one stiffness": held_shaft(uniform, ShaftDisplacement(), needle)}
+
+
+def _needles(scope: Scope, plan: PlannedInsertion) -> list[Needle]:
+    whole = plan.on(scope.display)
+    return [Needle(whole.entry, whole.at((k + 1) / scope.depths)) for k in range(scope.depths)]
 
 
 def _kernels(tissue: Tissue, tuned: NeedleTissueModel) -> dict[str, NeedleInsertion]:
@@ -168,6 +189,6 @@ def _by_tissue(name: str, labels: NDArray[np.integer], field: Array, reference: 
 
 
 def _slice(field: Array) -> list[list[float]]:
-    """Length of a displacement on the middle plane across the last axis."""
-    size = np.linalg.norm(field[:, :, field.shape[2] // 2], axis=-1)
+    """Length of a displacement on the middle plane across the second axis."""
+    size = np.linalg.norm(field[:, field.shape[1] // 2], axis=-1)
     return [[float(f"{value:.{_DIGITS - 1}e}") for value in line] for line in size]

@@ -77,7 +77,7 @@ class Plan:
             tuning_depths=1,
             population=16,
             generations=12,
-            scope=Scope(("H2",), fine=49, depths=2),
+            scope=Scope(("H3",), fine=49, depths=4),
         )
 
 
@@ -222,8 +222,8 @@ def _models(plan: Plan, notebook: Notebook, tuned: NeedleTissueModel) -> Row:
     factors = notebook.part("models_factors", settings, lambda: held_factors(scope, tuned))
     rows: dict[str, list[Row]] = {"friction": [], "held": []}
     maps: Row = {}
-    for name in scope.scenes:
-        for insertion in (insertions[one] for one in scope.insertions):
+    for insertion in (insertions[one] for one in scope.insertions):
+        for name in scope.scenes:
 
             def compute(name: str = name, insertion: PlannedInsertion = insertion) -> Row:
                 friction = compare_friction(scope, name, insertion, tuned)
