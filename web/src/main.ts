@@ -85,7 +85,10 @@ const dress = () => {
 };
 desk.switched.on(dress);
 dress();
-session.sceneReady.on((scene) => document.body.classList.toggle("needle-right", needleRight(scene)));
+session.sceneReady.on((scene) => {
+  document.body.classList.toggle("needle-right", needleRight(scene));
+  document.body.classList.toggle("linear", scene.probe.kind === "linear");
+});
 session.statusChanged.on((status) => (document.body.dataset.status = status));
 document.body.dataset.status = session.status;
 

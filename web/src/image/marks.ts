@@ -123,7 +123,7 @@ export class Marks {
     );
     this.target.draw(circle(now, TARGET) + circle(now, 1) + arms.join(""));
     toggle(this.target.group, "reached", onTarget);
-    this.name(now, name, paneWidth);
+    this.name(now, name, tip[0] > now[0] ? -1 : 1, paneWidth);
   }
 
   private route(tip: Point, end: Point, ticks: Point[]): string {
@@ -143,10 +143,12 @@ export class Marks {
     }
   }
 
-  private name(now: Point, name: string, paneWidth: number): void {
+  /** The name stands on the side where the needle does not come from, if there is room. */
+  private name(now: Point, name: string, wanted: 1 | -1, paneWidth: number): void {
     write(this.label, name);
     const wide = this.label.textContent ? this.label.getComputedTextLength() : 0;
-    const side = now[0] + 46 + wide + 12 < paneWidth ? 1 : -1;
+    const fits = (on: number) => now[0] + on * (58 + wide) > 8 && now[0] + on * (58 + wide) < paneWidth - 8;
+    const side = fits(wanted) ? wanted : -wanted;
     const text: Point = [now[0] + side * 45 - (side < 0 ? wide : 0), now[1] - 29];
     set(this.label, { x: text[0].toFixed(1), y: text[1].toFixed(1) });
     set(this.tag, { x: (text[0] - 5).toFixed(1), y: (text[1] - 14).toFixed(1), width: (wide + 10).toFixed(1), height: 19 });

@@ -9,13 +9,21 @@ import { holdable } from "../input/hold";
 import type { Pace } from "../motion";
 
 export function commandButton(desk: Desk, command: CommandId, label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
-  return h(
+  const button = h(
     "button",
     { type: "button", class: `button ${className}`.trim(), "data-command": command, "data-hint": COMMANDS[command], "data-key": keyOf(command), onclick: () => desk.run(command) },
     picture && icon(picture),
     h("span", {}, label),
   );
+  // dimmed, not disabled: a disabled button loses the focus
+  if (NEEDS_HANDS.includes(command)) {
+    desk.session.statusChanged.on((status) => button.setAttribute("aria-disabled", String(status !== "live")));
+  }
+  return button;
 }
+
+/** What does nothing while needle and probe are held. */
+const NEEDS_HANDS: readonly CommandId[] = ["entry", "undo", "recentre"];
 
 /** A command that is on or off. */
 export function toggleButton(desk: Desk, command: "guides" | "grid" | "colours" | "probeView", label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {

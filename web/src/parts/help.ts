@@ -42,7 +42,7 @@ const IMAGE: readonly Line[] = [
   ["Model", ["Digit1", "Digit2", "Digit3"], "Model switch", "View"],
   ["Guides; probe view", ["KeyO", "KeyP"], "Buttons", "–"],
   ["Grid; colours", ["KeyG", "KeyK"], "Buttons", "–"],
-  ["Reset; help", ["KeyR", "Slash"], "Buttons", "Menu: hold; tap"],
+  ["Reset; help", ["KeyR", "Slash"], "Buttons", "Menu"],
 ];
 
 export function helpDialog(desk: Desk): HTMLDialogElement {
