@@ -126,8 +126,9 @@ class Driver:
         self.evaluate(
             """() => new Promise((done) => {
                 let [before, since] = ["", performance.now()];
+                const numbers = () => [...document.querySelectorAll("output.number")].map((o) => o.dataset.value);
                 const look = () => {
-                    const now = [...document.querySelectorAll("output[data-value].number")].map((o) => o.dataset.value).join();
+                    const now = numbers().join();
                     if (now !== before) [before, since] = [now, performance.now()];
                     if (performance.now() - since > 500) done(); else setTimeout(look, 50);
                 };
@@ -158,7 +159,7 @@ class Driver:
         folder = os.environ.get("SONOSPLINE_SCREENSHOTS")
         if folder:
             Path(folder).mkdir(parents=True, exist_ok=True)
-            self.page.screenshot(path=Path(folder) / f"{name}.png")
+            self.page.screenshot(path=Path(folder) / f"{name}.jpg", type="jpeg", quality=82)
 
     def finish(self):
         """Nothing left the machine, nothing was complained of."""

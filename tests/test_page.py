@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from page_driver import Driver, chromium, serving
 
+from page_driver import Driver, chromium, serving
 from sonospline.simulator import Session
 from sonospline.simulator.wish import ImageWish, NeedleWish, ProbeWish, Wish
 
@@ -43,7 +43,7 @@ def gel(browser):
 
 @pytest.fixture
 def drive(browser, request):
-    """Open a page, of the gel block where no other scene is named; nothing may leave the machine or be complained of."""
+    """Open a page, of the gel block where no scene is named; nothing may leave the machine or be complained of."""
     opened = []
 
     def open_page(scene="gel", **options):
@@ -319,15 +319,21 @@ def test_latency_is_measured_by_sequence_numbers(drive):
     driver = drive()
     driver.page.get_by_role("radio", name="Kelvinlet").click()
     driver.page.keyboard.down("ArrowDown")
-    driver.until("document.querySelector('.latency').dataset.value > 0 && document.querySelector('.latency').textContent !== '–'")
+    driver.until(
+        "document.querySelector('.latency').dataset.value > 0 && document.querySelector('.latency').textContent !== '–'"
+    )
     driver.page.keyboard.up("ArrowDown")
     assert 0 < float(driver.page.locator(".latency").get_attribute("data-value")) < 10_000
 
 
 # Text may not run out of its box: DejaVu Sans, the widest font a machine may have, is all that CI has.
-CLIPPED = """() => [...document.querySelectorAll("button, h1, h2, .name, .label, .value, .note, dd, dt, th, td, input, .panel-head span, .meter")]
-    .filter((e) => e.checkVisibility() && e.clientWidth > 0 && !e.closest(".unseen") && e.scrollWidth > e.clientWidth + 1)
-    .map((e) => `${e.className || e.tagName} ${e.textContent || e.value} ${e.scrollWidth} > ${e.clientWidth}`)"""
+CLIPPED = """() => {
+    const words = "button, h1, h2, .name, .label, .value, .note, dd, dt, th, td, input, .panel-head span, .meter";
+    const clipped = (e) => e.clientWidth > 0 && e.scrollWidth > e.clientWidth + 1;
+    return [...document.querySelectorAll(words)]
+        .filter((e) => e.checkVisibility() && !e.closest(".unseen") && clipped(e))
+        .map((e) => `${e.className || e.tagName} ${e.textContent || e.value} ${e.scrollWidth} > ${e.clientWidth}`);
+}"""
 
 
 @pytest.mark.parametrize("layout", SIZES)

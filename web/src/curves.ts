@@ -37,10 +37,10 @@ export class Curves {
   }
 }
 
-/** The largest value of an axis: at least `least`, at a round step. */
+/** The largest value of an axis, at least `least`, at a round step: at most so many steps. */
 export function axisTop(largest: number, least: number, steps: number): { top: number; step: number } {
   const wanted = Math.max(largest, least) / steps;
   const ten = 10 ** Math.floor(Math.log10(wanted));
   const step = [1, 2, 2.5, 5, 10].map((k) => k * ten).find((size) => size >= wanted * (1 - 1e-9)) ?? 10 * ten;
-  return { top: step * Math.max(steps, Math.ceil(Math.max(largest, least) / step - 1e-9)), step };
+  return { top: step * Math.ceil(Math.max(largest, least) / step - 1e-9), step };
 }

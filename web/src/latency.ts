@@ -32,6 +32,11 @@ export class Meter {
     return median(this.samples.map((sample) => sample.value));
   }
 
+  /** Whether the latency is of now: a hand at rest sends no poses. */
+  fresh(now: number): boolean {
+    return (this.samples.at(-1)?.at ?? -Infinity) > now - WINDOW;
+  }
+
   rate(now: number): number {
     this.drawn = this.drawn.filter((at) => at > now - WINDOW);
     return this.drawn.length;

@@ -98,7 +98,7 @@ describe("curves", () => {
   });
 
   it("have round axes", () => {
-    expect(axisTop(67, 80, 4)).toEqual({ top: 80, step: 20 });
+    expect(axisTop(67, 80, 5)).toEqual({ top: 80, step: 20 });
     expect(axisTop(4.1, 2, 2)).toEqual({ top: 5, step: 2.5 });
   });
 });

@@ -62,8 +62,9 @@ export class Header {
     write(this.rate, live ? String(rate) : "–");
     if (latency !== null) this.latency.dataset.value = latency.toFixed(3);
     this.rate.dataset.value = String(rate);
-    this.slow.update(live ? (latency ?? 0) : 0, now);
-    this.verySlow.update(live ? (latency ?? 0) : 0, now);
+    const felt = live && meter.fresh(now) ? (latency ?? 0) : 0;
+    this.slow.update(felt, now);
+    this.verySlow.update(felt, now);
     // an idle scene sends few frames on purpose: count only what answers a hand
     this.few.update(live && this.desk.motion.moving ? 15 / Math.max(rate, 0.1) : 0, now);
     const [first, second] = this.meters.children;

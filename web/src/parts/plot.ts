@@ -51,7 +51,7 @@ export class MotionPlot {
     const all = this.curves.models.map((id) => ({ id, points: this.curves.get(id) }));
     const deepest = Math.max(0, ...all.flatMap(({ points }) => points.map(([depth]) => depth)));
     const largest = Math.max(0, ...all.flatMap(({ points }) => points.map(([, moved]) => moved)));
-    const x = axisTop(deepest, 80, 4);
+    const x = axisTop(deepest, 80, 5);
     const y = axisTop(largest, 2, 2);
     const px = (depth: number) => ROOM.left + (width * depth) / x.top;
     const py = (moved: number) => ROOM.top + height * (1 - moved / y.top);
