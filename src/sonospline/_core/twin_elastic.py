@@ -255,7 +255,7 @@ def line_load(
     tip: float,
     width: float,
 ) -> Single:
-    """Return the nodal load (3, nx, ny, nz) of a smoothed line force, by the consistent mass.
+    """Return the nodal load (3, nx, ny, nz) of a smoothed line force: its integrals times the hat functions.
 
     The force per length along the line through ``origin`` changes by ``changes`` at
     ``places``, and a force ``tip`` acts at ``depth``; all of it is smoothed by a Gaussian of
@@ -271,15 +271,19 @@ def line_load(
     end = tip * np.exp(-0.5 * ((along - depth) / width) ** 2) / (width * np.sqrt(2 * np.pi))
     force = (shaft + end) * np.exp(-0.5 * squared / width**2) / (2 * np.pi * width**2)
     for axis, h in enumerate(spacing):
-        force = mass_along(force, axis, h)
+        force = weigh_along(force, axis, h)
     return np.multiply.outer(direction, force).astype(np.float32)
 
 
-def mass_along(values: Array, axis: int, spacing: float) -> Array:
-    """Return the consistent mass matrix of linear elements along one axis times nodal values."""
+def weigh_along(values: Array, axis: int, spacing: float) -> Array:
+    """Return the integrals of a function times each hat function along one axis, from its nodal values.
+
+    Numerov's weights 1, 10, 1 over 12: exact for cubics between, where the consistent mass of
+    linear elements smooths the function once more. They keep the total of the trapezoidal rule.
+    """
     lines = np.moveaxis(values, axis, 0)
-    out = 4.0 * lines
-    out[[0, -1]] = 2.0 * lines[[0, -1]]
+    out = 10.0 * lines
+    out[[0, -1]] = 5.0 * lines[[0, -1]]
     out[1:] += lines[:-1]
     out[:-1] += lines[1:]
-    return np.moveaxis(out * spacing / 6, 0, axis)
+    return np.moveaxis(out * spacing / 12, 0, axis)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._core.twin_elastic import mass_along
+from .._core.twin_elastic import weigh_along
 from ..fem.loads import LineForce, Load
 from ..grid import Grid
 from ..needle import Needle
@@ -18,15 +18,14 @@ Single = NDArray[np.float32]
 def nodal_load(load: Load, needle: Needle, grid: Grid) -> Single:
     """Return the forces (3, nx, ny, nz) on a grid's nodes, along its axes.
 
-    The force per volume is taken linear between the nodes and weighed with the consistent
-    mass matrix, as the reference solution does.
+    They are the integrals of the force per volume times the hat functions, by Numerov's weights.
     """
     if isinstance(load, LineForce):
         return _line_load(load, needle, grid)
     local = load.body_force(grid.points, needle) @ grid.direction
     forces = np.moveaxis(local.reshape(*grid.shape, 3), -1, 0)
     for axis, spacing in enumerate(grid.spacing):
-        forces = mass_along(forces, axis + 1, spacing)
+        forces = weigh_along(forces, axis + 1, spacing)
     return np.ascontiguousarray(forces, np.float32)
 
 

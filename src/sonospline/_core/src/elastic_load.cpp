@@ -27,28 +27,29 @@ bool near_line(const float start[3], const LineLoad &line, float length, float r
     return c + nearest * (2 * b + nearest * a2) < static_cast<double>(reach) * reach;
 }
 
-// Mass of linear elements along one axis: `count` values, `stride` apart, `width` of them side by side.
-void mass_along(float *values, std::size_t count, std::size_t stride, std::size_t width, float spacing) {
+// Integrals times the hat functions along one axis, by Numerov's weights 1, 10, 1 over 12: `count` values, `stride`
+// apart, `width` of them side by side.
+void weigh_along(float *values, std::size_t count, std::size_t stride, std::size_t width, float spacing) {
     std::vector<float> before(width, 0.f), here(width);
-    const float sixth = spacing / 6;
+    const float twelfth = spacing / 12;
     for (std::size_t i = 0; i < count; ++i) {
         float *const row = values + i * stride;
-        const float diagonal = i == 0 || i + 1 == count ? 2.f : 4.f;
+        const float diagonal = i == 0 || i + 1 == count ? 5.f : 10.f;
         std::copy_n(row, width, here.data());
         if (i + 1 < count)
-            for (std::size_t q = 0; q < width; ++q) row[q] = sixth * (before[q] + diagonal * here[q] + row[q + stride]);
+            for (std::size_t q = 0; q < width; ++q) row[q] = twelfth * (before[q] + diagonal * here[q] + row[q + stride]);
         else
-            for (std::size_t q = 0; q < width; ++q) row[q] = sixth * (before[q] + diagonal * here[q]);
+            for (std::size_t q = 0; q < width; ++q) row[q] = twelfth * (before[q] + diagonal * here[q]);
         before.swap(here);
     }
 }
 
-void mass_along_row(float *row, std::size_t count, float spacing) {
-    const float sixth = spacing / 6;
+void weigh_along_row(float *row, std::size_t count, float spacing) {
+    const float twelfth = spacing / 12;
     float before = 0;
     for (std::size_t k = 0; k < count; ++k) {
         const float here = row[k], after = k + 1 < count ? row[k + 1] : 0;
-        row[k] = sixth * (before + (k == 0 || k + 1 == count ? 2.f : 4.f) * here + after);
+        row[k] = twelfth * (before + (k == 0 || k + 1 == count ? 5.f : 10.f) * here + after);
         before = here;
     }
 }
@@ -84,16 +85,16 @@ void line_load(const std::array<std::size_t, 3> &shape, const std::array<double,
                                         static_cast<float>(-force.origin[2])};
                 if (near_line(start, line, length, reach)) {
                     kernels().rows->line_row(line, start, step, row, to);
-                    mass_along_row(to, row, step);
+                    weigh_along_row(to, row, step);
                     any = true;
                 } else {
                     std::fill_n(to, row, 0.f);
                 }
             }
-            if (any) mass_along(out + i * plane, shape[1], row, row, static_cast<float>(spacing[1]));
+            if (any) weigh_along(out + i * plane, shape[1], row, row, static_cast<float>(spacing[1]));
         }
     });
-    mass_along(out, shape[0], plane, plane, static_cast<float>(spacing[0]));
+    weigh_along(out, shape[0], plane, plane, static_cast<float>(spacing[0]));
     for (int a = 2; a >= 0; --a)
         for (std::size_t i = 0; i < size; ++i)
             out[static_cast<std::size_t>(a) * size + i] = line.direction[a] * out[i];

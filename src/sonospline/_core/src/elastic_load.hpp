@@ -1,4 +1,4 @@
-// The nodal load of a line force, with the consistent mass of trilinear elements.
+// The nodal load of a line force on trilinear elements.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ struct AxialForce {
     double depth, tip, width;
 };
 
-/// out (3, nx, ny, nz) = M b for that force per volume b.
+/// out (3, nx, ny, nz): integrals of that force per volume times the hat functions of the nodes.
 void line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, const AxialForce &force,
                float *out);
 
