@@ -125,3 +125,13 @@ def test_a_filter_of_many_nodes_is_a_band():
 def test_another_order_is_refused(lattice):
     with pytest.raises(ValueError, match=r"order = 2 is not known; give 1 \(linear\) or 3 \(cubic\)"):
         ss.GridField(lattice, np.zeros((*lattice.shape, 3)), order=2)
+
+
+def test_a_few_points_are_summed_one_by_one_to_the_same(a_tilted_grid, rng):
+    values = rng.standard_normal((*a_tilted_grid.shape, 3)).astype(np.float32)
+    points = a_tilted_grid.world(rng.uniform(-0.1, 1.1, (3, 3)) * a_tilted_grid.extent)
+    field = ss.GridField(a_tilted_grid, values, order=3)
+    few = field.displacement(points)
+    assert "_sampled" not in field.__dict__
+    many = field.displacement(np.concatenate([points, points]))
+    assert few == pytest.approx(many[:3], abs=2e-5)

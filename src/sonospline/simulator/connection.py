@@ -223,6 +223,8 @@ class Connection:
             runner.stop()
             while runner.alive:  # it is in the middle of a step
                 await asyncio.sleep(_POLL_S)
+            del runner
+            self._library.tidy()
 
     def _start(self, name: str, session: Session) -> None:
         self._session, self._busy_at = session, time.monotonic()

@@ -7,13 +7,13 @@ import numpy as np
 from ..grid_field import GridField
 from ..needle import Needle
 
-_REACH_CELLS = 4
+_REACH_CELLS = 2
 
 
 def folds(field: GridField, needle: Needle) -> bool:
     """Return whether any cell around the needle has a volume at or below zero.
 
-    The determinant of I + du/dx is taken from forward differences at a corner of each cell in the needle's box, four
+    The determinant of I + du/dx is taken from forward differences at a corner of each cell in the needle's box, two
     cells wider: where tissue folds, it folds there.
     """
     grid = field.grid

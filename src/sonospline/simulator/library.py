@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections import OrderedDict
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from typing import Any
 from . import wire
 from .scene_file import SHIPPED, SceneFile
 from .session import Session
+from .tidying import tidy
 from .world import World
 
 Progress = Callable[[float], None]
@@ -90,6 +92,11 @@ class Library:
         future = self._maker.submit(self._deliver, name, text, progress)
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
+
+    def tidy(self) -> None:
+        """Give back the memory of sessions that ended, in the thread that makes scenes."""
+        with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
+            self._maker.submit(tidy)
 
     def close(self) -> None:
         """End the thread that makes scenes, once the one in work is made."""

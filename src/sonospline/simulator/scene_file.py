@@ -34,7 +34,7 @@ class TissuePart:
     entry_face: Face = told("the free face, lattice axis and side; the other five are pinned", default="z-")
     low: Triple | None = told("one corner of the mechanical box, RAS mm; by default the whole image", default=None)
     high: Triple | None = told("the opposite corner", default=None)
-    nodes: int = told("nodes of the display grid, about", low=1000, high=500_000, default=60_000)
+    nodes: int = told("nodes of the display grid, about", low=1000, high=500_000, default=40_000)
 
 
 @dataclass(frozen=True, kw_only=True)
