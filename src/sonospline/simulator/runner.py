@@ -16,7 +16,7 @@ from .wish import Wish
 
 logger = logging.getLogger(__name__)
 
-RATE_HZ = 60.0
+RATE_HZ = 90.0
 IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
 _FAULTS_APART_S = 1.0
@@ -60,7 +60,7 @@ class Runner:
         Called with one line in the runner's thread when a step or a command fails.
     ready : callable, optional
         Asked before each step whether a picture could be handed on; call :meth:`wake` when that changes.
-    rate_hz : float, default: 60
+    rate_hz : float, default: 90
         Most pictures a second.
 
     Examples

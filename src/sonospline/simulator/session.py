@@ -127,7 +127,7 @@ class Session:
         self._shown, self._exact_model = self.rest, ""
         self._folds = False
         self._imager: Imager | None = None
-        self._asked_pose = np.eye(4)
+        self._aimed_for: tuple[Any, ...] = ()
         self._figures = PassFigures()
         self._passes: tuple[PassFigures, ...] = ()
         self._entered: NeedleWish | None = None
@@ -257,13 +257,13 @@ class Session:
         return self._insertions[self.model]
 
     def _aimed(self, wish: Wish) -> Imager:
+        asked = (wish.probe, wish.image.depth, wish.image.frequency, wish.image.focus)
+        if self._imager is not None and asked == self._aimed_for:
+            return self._imager
         probe = tuned(self.world.probe, wish.image)
         pose = self.world.frame.probe_to_reference(wish.probe, self.world.spec.probe.press_mm)
-        if self._imager is None:
-            self._imager = self.world.see(probe, pose)
-        elif probe != self._imager.probe or not np.array_equal(pose, self._asked_pose):
-            self._imager = self._imager.aimed(probe, pose)
-        self._asked_pose = pose
+        self._imager = self.world.see(probe, pose) if self._imager is None else self._imager.aimed(probe, pose)
+        self._aimed_for = asked
         return self._imager
 
     def _count(self, wish: Wish, imager: Imager) -> None:

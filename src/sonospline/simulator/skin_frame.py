@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,9 +57,9 @@ class SkinFrame:
         local[axis] = grid.extent[axis] if end else 0.0
         return cls(across / np.linalg.norm(across), depth, grid.world(local[None])[0])
 
-    @property
+    @cached_property
     def out(self) -> Array:
-        """n = r x d, towards the viewer of the image."""
+        """n = r x d, away from the viewer of the image."""
         return np.cross(self.right, self.depth)
 
     def entry(self, wish: NeedleWish) -> Array:
@@ -79,11 +80,11 @@ class SkinFrame:
         """
         turn, fan = np.radians(wish.rotate), np.radians(wish.fan)
         x = np.cos(turn) * self.right - np.sin(turn) * self.out
-        z = np.cross(x, self.depth)
+        z = np.cos(turn) * self.out + np.sin(turn) * self.right
         y = np.cos(fan) * self.depth + np.sin(fan) * z
         pose = np.eye(4)
         origin = self.origin + press_mm * self.depth + wish.slide * self.right + wish.sweep * self.out
-        pose[:3] = np.column_stack([x, y, np.cross(x, y), origin])
+        pose[:3] = np.column_stack([x, y, np.cos(fan) * z - np.sin(fan) * self.depth, origin])
         return pose
 
     def parts(self, vector: Array) -> tuple[float, float, float]:
