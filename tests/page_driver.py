@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pytest
 from sonospline.simulator.server import PAGE
 
 REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
-PATIENCE_MS = int(os.environ.get("PATIENCE", "60000"))
+PATIENCE_S = 60.0
 """Machines are shared: a page that is slow is not a page that is wrong."""
 
 # Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster
@@ -74,7 +75,7 @@ class Driver:
         )
         self.context.add_init_script(PAD)
         self.page = self.context.new_page()
-        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.set_default_timeout(1000 * PATIENCE_S)
         self.complaints, self.requests, self.frames = [], [], []
         self.page.on("console", lambda said: said.type == "error" and self.complaints.append(said.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
@@ -103,7 +104,11 @@ class Driver:
         return self
 
     def until(self, expression):
-        self.page.wait_for_function(expression)
+        """Ask again and again; the page's own policy forbids Playwright to do so inside it."""
+        end = time.monotonic() + PATIENCE_S
+        while not self.page.evaluate(expression):
+            assert time.monotonic() < end, f"{expression} did not come true"
+            self.page.wait_for_timeout(20)
 
     def evaluate(self, expression):
         return self.page.evaluate(expression)

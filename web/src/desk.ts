@@ -164,4 +164,3 @@ export class Desk {
 /** The axes a stepper shows, in the order of the dock. */
 export const PROBE_AXES = ["slide", "sweep", "rotate", "fan"] as const satisfies readonly AxisId[];
 export const IMAGE_AXES = ["gain", "depth", "frequency", "focus"] as const satisfies readonly AxisId[];
-export const NEEDLE_AXES = ["angle", "swing"] as const satisfies readonly AxisId[];
