@@ -232,3 +232,13 @@ def test_unknown_instruction_set_in_the_environment_is_refused():
     seen = run_python(SHOW, SONOSPLINE_ISA="sse9")
     assert seen.returncode != 0
     assert "sse9" in seen.stderr
+
+
+@needs_core
+@pytest.mark.parametrize("isa", INSTRUCTION_SETS)
+def test_a_sum_of_kelvinlets_agrees_with_the_twin(native, rng, isa):
+    native.use_instruction_set(isa)
+    centres, forces = rng.random((70, 3)), rng.standard_normal((70, 3))
+    points = np.concatenate([rng.random((333, 3)), centres[:5]])
+    ours, theirs = (core.kelvinlet_sum(points, centres, forces, 0.07, 0.41) for core in (native, twin))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())

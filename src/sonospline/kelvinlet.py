@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _validate
+from . import _core, _validate
 from .field import Field, Method
 from .grid import Grid
 from .grid_field import GridField
@@ -75,16 +75,7 @@ class Kelvinlet:
 
     def sum(self, points: Array, centres: Array, forces: Array) -> Array:
         """Return sum_j K(p_i - c_j) f_j at points (m, 3), as (m, 3)."""
-        out = np.empty((len(points), 3))
-        rows = max(1, _BLOCK // max(1, len(centres)))
-        offset = np.einsum("ja,ja->j", centres, forces)
-        for start in range(0, len(points), rows):
-            p = points[start : start + rows]
-            squared = (p**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2 * p @ centres.T
-            isotropic, axial, _ = self._radial(np.maximum(squared, 0.0))
-            axial *= p @ forces.T - offset  # x . f
-            out[start : start + rows] = isotropic @ forces + p * axial.sum(axis=1)[:, None] - axial @ centres
-        return out
+        return _core.active.kelvinlet_sum(points, centres, forces, self.width, self.poissons_ratio)
 
     def gradient(self, points: Array, centres: Array, forces: Array) -> Array:
         """Return d u_a / d x_b of the same sum at points (m, 3), as (m, 3, 3)."""

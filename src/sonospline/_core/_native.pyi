@@ -6,6 +6,7 @@ from .twin import MultilevelPlan as MultilevelPlan
 from .twin import gradient_at_points as gradient_at_points
 from .twin import gradient_lattice as gradient_lattice
 from .twin import invert_lattice as invert_lattice
+from .twin import kelvinlet_sum as kelvinlet_sum
 from .twin import kernel_matrix as kernel_matrix
 from .twin import line_load as line_load
 from .twin import resample_lattice as resample_lattice

@@ -112,6 +112,23 @@ def gradient_at_points(kernel: int, points: Array, centres: Array, weights: Arra
     return out + affine[1:].T
 
 
+def kelvinlet_sum(points: Array, centres: Array, forces: Array, width: float, poissons_ratio: float) -> Array:
+    """Return the sum over centres (n, 3) of regularised Kelvinlets K(p - c) f at points (m, 3)."""
+    out = np.empty((len(points), 3))
+    a = 1 / (4 * np.pi)
+    b = a / (4 * (1 - poissons_ratio))
+    offset = np.einsum("ja,ja->j", centres, forces)
+    for block in _blocks(len(points), len(centres)):
+        p = points[block]
+        squared = (p**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2 * p @ centres.T
+        inverse = 1 / np.sqrt(np.maximum(squared, 0.0) + width**2)
+        cube = inverse**3
+        along = b * cube * (p @ forces.T - offset)
+        same = (a - b) * inverse + 0.5 * a * width**2 * cube
+        out[block] = same @ forces + p * along.sum(axis=1)[:, None] - along @ centres
+    return out
+
+
 def kernel_matrix(kernel: int, points: Array, centres: Array) -> Array:
     return _VALUE[kernel](_distances(points, centres))
 

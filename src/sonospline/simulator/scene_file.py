@@ -55,7 +55,7 @@ class NeedlePart:
     length_mm: float = told("length from hub to tip", low=10.0, high=400.0, default=150.0)
     u: float | None = told("entry to the right of the probe's place, mm; half way to the edge by default", low=-500.0,
                            high=500.0, default=None)  # fmt: skip
-    v: float = told("entry towards the viewer, mm", low=-500.0, high=500.0, default=0.0)
+    v: float = told("entry away from the viewer, mm", low=-500.0, high=500.0, default=0.0)
     angle: float = told("to the right 0, straight down 90, to the left 180 degrees", low=5.0, high=175.0, default=120.0)
     swing: float = told("out of the image plane, degrees", low=-60.0, high=60.0, default=0.0)
 

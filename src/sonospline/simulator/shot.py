@@ -27,9 +27,9 @@ class Readouts:
     moved: float
     """How far the target is from where it was at rest."""
     moved_parts: tuple[float, float, float]
-    """Of that: to the right, deeper, towards the viewer."""
+    """Of that: to the right, deeper, away from the viewer."""
     out_of_plane: float
-    """Tip out of the image plane, towards the viewer is plus."""
+    """Tip out of the image plane along its z, away from the viewer is plus."""
     half_slice: float
     """Half the slice's thickness at the tip: nearer counts as in plane."""
     folds: bool

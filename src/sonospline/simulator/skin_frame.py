@@ -73,7 +73,7 @@ class SkinFrame:
         return np.cos(swing) * in_plane + np.sin(swing) * self.out
 
     def probe_to_reference(self, wish: ProbeWish, press_mm: float) -> Array:
-        """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z to the viewer.
+        """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z away from the viewer.
 
         Slide along r and sweep along n; then rotate about d (right-handed), then fan about the image's own x,
         positive turning its depth towards its z.
@@ -88,7 +88,7 @@ class SkinFrame:
         return pose
 
     def parts(self, vector: Array) -> tuple[float, float, float]:
-        """Return a vector's parts to the right, deeper, and towards the viewer."""
+        """Return a vector's parts to the right, deeper, and away from the viewer."""
         return float(vector @ self.right), float(vector @ self.depth), float(vector @ self.out)
 
 

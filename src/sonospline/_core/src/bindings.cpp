@@ -6,6 +6,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -53,6 +54,18 @@ nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows 
     return out;
 }
 
+nb::ndarray<nb::numpy, double> kelvinlet_sum(Rows points, Rows centres, Rows forces, double width,
+                                             double poissons_ratio) {
+    if (centres.shape(0) != forces.shape(0)) throw nb::value_error("centres and forces differ in number");
+    auto out = new_array<double, 2>({points.shape(0), 3});
+    const double a = 1 / (4 * std::acos(-1.0)), b = a / (4 * (1 - poissons_ratio));
+    const sono::Kelvinlet kernel{a - b, 0.5 * a * width * width, b, width * width};
+    nb::gil_scoped_release release;
+    sono::kelvinlet_sum(kernel, points.data(), points.shape(0), centres.data(), forces.data(), centres.shape(0),
+                        out.data());
+    return out;
+}
+
 nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, Rows points, Rows centres) {
     auto out = new_array<double, 2>({points.shape(0), centres.shape(0)});
     nb::gil_scoped_release release;
@@ -82,6 +95,7 @@ NB_MODULE(_native, m) {
     m.def("sum_on_lattice_f64", &sum_on_lattice<double>, "kernel"_a, "shape"_a, "spacing"_a, "centres"_a,
           "weights"_a, "affine"_a);
     m.def("gradient_at_points", &gradient_at_points, "kernel"_a, "points"_a, "centres"_a, "weights"_a, "affine"_a);
+    m.def("kelvinlet_sum", &kelvinlet_sum, "points"_a, "centres"_a, "forces"_a, "width"_a, "poissons_ratio"_a);
     m.def("kernel_matrix", &kernel_matrix, "kernel"_a, "points"_a, "centres"_a);
     m.def("instruction_sets", &instruction_sets);
     m.def("instruction_set", [] { return std::string(sono::kernels().name); });

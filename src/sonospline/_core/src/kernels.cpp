@@ -64,6 +64,22 @@ void gradient_tile(const Tile<double> &points, const Centres<double> &centres, d
     }
 }
 
+void kelvinlet(const Kelvinlet &k, const Tile<double> &points, const Centres<double> &centres, Tile<double> &out) {
+    for (int at = 0; at < kTile; at += lanes<double>) {
+        const VecD px = load(points.x + at), py = load(points.y + at), pz = load(points.z + at);
+        VecD ux{}, uy{}, uz{};
+        for (std::size_t j = 0; j < centres.count; ++j) {
+            const double wx = centres.wx[j], wy = centres.wy[j], wz = centres.wz[j];
+            const VecD dx = px - centres.x[j], dy = py - centres.y[j], dz = pz - centres.z[j];
+            const VecD inverse = rsqrt(dx * dx + dy * dy + dz * dz + k.width2), cube = inverse * inverse * inverse;
+            const VecD same = k.spread * inverse + k.core * cube;
+            const VecD along = k.axial * cube * (dx * wx + dy * wy + dz * wz);
+            ux += same * wx + along * dx, uy += same * wy + along * dy, uz += same * wz + along * dz;
+        }
+        store(out.x + at, ux), store(out.y + at, uy), store(out.z + at, uz);
+    }
+}
+
 template <Kernel K> void values_tile(const Tile<double> &points, const double centre[3], double *out) {
     for (int at = 0; at < kTile; at += lanes<double>) {
         const VecD dx = load(points.x + at) - centre[0], dy = load(points.y + at) - centre[1],
@@ -102,7 +118,8 @@ extern const RowKernels rows;
 extern const KernelTable table;
 const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &brick_kernels,   &cholesky_kernels,
                            &multilevel,         &elastic,       &reslice_kernels, &rows,
-                           sum<float>,          sum<double>,    gradient,         values};
+                           sum<float>,          sum<double>,    gradient,         kelvinlet,
+                           values};
 
 }  // namespace SONO_ISA
 }  // namespace sono

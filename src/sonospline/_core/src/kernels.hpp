@@ -20,6 +20,11 @@ template <class T> struct Tile {
     alignas(64) T x[kTile], y[kTile], z[kTile];
 };
 
+/// K(x) = [spread / r_e + core / r_e^3] I + (axial / r_e^3) x x^T with r_e^2 = r^2 + width2: a regularised Kelvinlet.
+struct Kelvinlet {
+    double spread, core, axial, width2;
+};
+
 struct BmodeKernels;
 struct BrickKernels;
 struct CholeskyKernels;
@@ -42,6 +47,8 @@ struct KernelTable {
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);
     /// out[3a + b] = d u_a / d x_b of the same sum, kTile values each
     void (*gradient_f64)(Kernel, const Tile<double> &points, const Centres<double> &, double (*out)[kTile]);
+    /// out = sum_j K(p - c_j) w_j
+    void (*kelvinlet_f64)(const Kelvinlet &, const Tile<double> &points, const Centres<double> &, Tile<double> &out);
     /// out = U(|p - centre|)
     void (*values_f64)(Kernel, const Tile<double> &points, const double centre[3], double *out);
 };

@@ -121,6 +121,18 @@ void gradient_at_points(const KernelSum &sum, const double *points, std::size_t 
     });
 }
 
+void kelvinlet_sum(const Kelvinlet &kernel, const double *points, std::size_t m, const double *centres,
+                   const double *forces, std::size_t n, double *out) {
+    const CentreStore<double> store(KernelSum{{}, centres, forces, n, nullptr});
+    const Centres<double> view = store.view();
+    over_tiles(m, 2 * n, [&](std::size_t start) {
+        Tile<double> p, u;
+        fill_tile(points + 3 * start, m - start, p);
+        kernels().kelvinlet_f64(kernel, p, view, u);
+        write_tile(u, m - start, out + 3 * start);
+    });
+}
+
 void kernel_matrix(Kernel kernel, const double *points, std::size_t m, const double *centres, std::size_t n,
                    double *out) {
     // One tile of columns at a time: rows of the result are contiguous in the centres.

@@ -29,6 +29,10 @@ void sum_on_lattice(const KernelSum &sum, const std::array<std::size_t, 3> &shap
 /// out (m, 3, 3): derivative of component a along axis b, affine part included
 void gradient_at_points(const KernelSum &sum, const double *points, std::size_t m, double *out);
 
+/// out (m, 3) = sum over centres (n, 3) of K(p - c_j) f_j, forces f (n, 3)
+void kelvinlet_sum(const Kelvinlet &kernel, const double *points, std::size_t m, const double *centres,
+                   const double *forces, std::size_t n, double *out);
+
 /// out (m, n) = U(|p_i - c_j|)
 void kernel_matrix(Kernel kernel, const double *points, std::size_t m, const double *centres, std::size_t n,
                    double *out);
