@@ -109,6 +109,16 @@ def test_the_kidney_has_the_size_and_the_parts_of_one(phantom):
     assert 95 < np.ptp(along) < 115
 
 
+def test_a_kept_phantom_is_the_one_that_is_made(phantom, tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
+    for _ in range(2):  # made, then read
+        assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).scene.bytes, phantom.scene.bytes)
+    (file,) = tmp_path.glob("kidney-*.npy")
+    file.write_bytes(b"spoilt")
+    assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).scene.bytes, phantom.scene.bytes)
+    assert "cannot be used and will be made anew" in caplog.text
+
+
 def test_targets_lie_in_calyces_and_the_needle_reaches_one(phantom):
     lattice = phantom.scene.labels.lattice
     for target in phantom.targets.values():

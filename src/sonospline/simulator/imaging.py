@@ -44,7 +44,7 @@ class Imager(ABC):
         """Return the picture of the deformed tissue with the needle in it."""
 
     def out_of_plane(self, point: Array) -> tuple[float, float]:
-        """Return how far a point is out of the image plane (along its z, away from the viewer) and half the slice there."""
+        """Return how far a point is out of the image plane, away from the viewer, and half the slice there."""
         pose = self.probe_to_reference
         local = (point - pose[:3, 3]) @ pose[:3, :3]
         beam = self.probe.beam_coordinates(local[None])[0]

@@ -38,7 +38,7 @@ class Phantom:
 
 def kidney(voxel_mm: float) -> Phantom:
     """Return the kidney of :func:`~sonospline.ultrasound.kidney_phantom`."""
-    found = kidney_phantom(spacing_mm=voxel_mm)
+    found = kidney_phantom(spacing_mm=voxel_mm, kept=True)
     return Phantom(scene=found.scene, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import as_file, files
@@ -132,7 +133,13 @@ class _Maker:
         limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.synthetic)
         start = _start(spec, probe, edge=limits.needle["u"][1])
         limits.check(start)
-        meshes = (*self._organs(matter), surfaces.skin(matter.grid, spec.tissue.entry_face, frame))
+        # The first look chooses a scene's interfaces, on another processor than the one that makes its surfaces.
+        with ThreadPoolExecutor(1) as other:
+            looked = other.submit(
+                _first_look, matter, probe, frame.probe_to_reference(start.probe, spec.probe.press_mm)
+            )
+            meshes = (*self._organs(matter), surfaces.skin(matter.grid, spec.tissue.entry_face, frame))
+            looked.result()
         self.progress(0.9)
         return World(
             spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
@@ -224,6 +231,11 @@ class _Maker:
         share = (MOST_VERTICES - _NETS) // len(parts)
         found = (surfaces.organ(matter.labels, dict(matter.names), part, most=share) for part in parts)
         return [mesh for mesh in found if mesh is not None]
+
+
+def _first_look(matter: _Matter, probe: Probe, pose: Array) -> None:
+    still = GridField(matter.grid, np.zeros((*matter.grid.shape, 3), np.float32))
+    matter.see(probe, pose).render(still, None, frame=0, gain_db=0.0)
 
 
 def _probe(spec: SceneFile) -> Probe:

@@ -9,16 +9,20 @@ the pyramids; 15 pyramids in three rows (9 to 14 are usual, of which an image cu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
+from .._cache import digest, folder, keep, recall
 from ..grid import Grid
 from ..needle import Needle
 from ..volume import Volume
 from . import pose
 from ._canvas3d import Array, Canvas
+from ._canvas3d import __file__ as canvas_file
 from .scene import Scene
 
 LABELS = {
@@ -68,7 +72,7 @@ class KidneyPhantom:
         return Grid.covering(BOX_MM, nodes=nodes)
 
 
-def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True) -> KidneyPhantom:
+def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool = False) -> KidneyPhantom:
     """Return the phantom.
 
     Parameters
@@ -77,6 +81,9 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True) -> KidneyPh
         Voxel size of the label map.
     pressed : bool, default: True
         Whether a convex face of 60 mm radius is pressed 8 mm into the skin at x = 58, y = 50.
+    kept : bool, default: False
+        Whether to take the label map from the cache folder where it was made before, and to
+        keep it there: 26 MB at the default spacing, and a second or two saved.
 
     Examples
     --------
@@ -88,17 +95,40 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True) -> KidneyPh
     if _validate.number("spacing_mm", spacing_mm, positive=True) > 4:
         raise ValueError(f"spacing_mm = {spacing_mm} is too coarse for a kidney; give at most 4")
     canvas = Canvas(LOW_MM, HIGH_MM, spacing_mm)
-    _paint_flank(canvas, _PUSH if pressed else 0.0)
-    _paint_rib(canvas)
-    _paint_kidney(canvas)
-    _paint_sinus(canvas)
+    file = _kept_file(spacing_mm, pressed)
+    known = recall(file, partial(_read_labels, shape=canvas.labels.shape), "the kidney phantom") if kept else None
+    if known is None:
+        _paint(canvas, _PUSH if pressed else 0.0)
+        if kept:
+            keep(file, lambda stream: np.save(stream, canvas.labels), "the kidney phantom")
     targets = {
         "lower calyx": _world((*_CALYX[:2], _CALYX[2] + 1.0)),
         "upper calyx": _world((-25.0, 0.0, 3.0)),
         "pelvis": _world((0.0, 0.0, 14.0)),
     }
-    volume = Volume(voxels=canvas.labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
+    labels = canvas.labels if known is None else known
+    volume = Volume(voxels=labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
     return KidneyPhantom(Scene(volume, LABELS), targets)  # type: ignore[arg-type]
+
+
+def _paint(canvas: Canvas, push: float) -> None:
+    _paint_flank(canvas, push)
+    _paint_rib(canvas)
+    _paint_kidney(canvas)
+    _paint_sinus(canvas)
+
+
+def _kept_file(spacing_mm: float, pressed: bool) -> Path:
+    """A name that changes with what is painted: with this file and the one of the canvas."""
+    painter = [Path(source).read_bytes() for source in (__file__, canvas_file)]
+    return folder() / f"kidney-{digest(spacing_mm, pressed, painter)}.npy"
+
+
+def _read_labels(file: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    labels = np.load(file, allow_pickle=False)
+    if labels.shape != shape or labels.dtype != np.uint8:
+        raise ValueError(f"it holds {labels.dtype} {labels.shape} instead of bytes {shape}")
+    return labels
 
 
 def _world(local: tuple[float, ...]) -> NDArray[np.float64]:
