@@ -1,7 +1,6 @@
 """The live simulator's page in a headless Chromium: what a person does, and what the library says to it."""
 
 import os
-import time
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from sonospline.simulator import Session
 from sonospline.simulator.wish import ImageWish, NeedleWish, ProbeWish, Wish
 
 SIZES = {"desktop": (1440, 900), "compact": (1024, 768), "tablet": (1180, 820)}
-FIRST_IMAGE_S = 3.0
 
 DEPTH = "Number(document.querySelector('#read-depth').dataset.value)"
 MOVED = "Number(document.querySelector('#read-moved').dataset.value)"
@@ -61,15 +59,12 @@ def wish_of(state):
     )
 
 
-def test_the_first_image_comes_within_three_seconds_of_the_start(browser):
+def test_the_first_image_comes_by_itself(browser):
+    """How soon is the claim of benchmarks/the_first_image_comes_within_three_seconds.py."""
     with serving() as address:
-        start = time.perf_counter()
         driver = Driver(browser, address).live()
-        seconds = time.perf_counter() - start
         assert driver.drawn()[1].std() > 5, "the first image is empty"
         driver.finish()
-    if os.getloadavg()[0] < 1:  # others' work is not our time
-        assert seconds <= FIRST_IMAGE_S
 
 
 def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_rest(drive):
