@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,7 +114,7 @@ class Grid:
     @property
     def node_count(self) -> int:
         """Number of nodes N."""
-        return int(np.prod(self.shape))
+        return prod(self.shape)
 
     @cached_property
     def extent(self) -> Array:

@@ -105,7 +105,7 @@ class GridField(Field):
         if nodes is grid:
             return self.values
         _memory.refuse_beyond(28 * grid.node_count, f"grid = {grid.shape}: its displacements")
-        aligned = np.array_equal(nodes.direction, grid.direction)
+        aligned = (nodes.direction == grid.direction).all()
         if self.order == 1 or not aligned or min(nodes.shape) < _FEWEST_NODES:
             return self.displacement(grid.points).reshape(*grid.shape, 3).astype(np.float32)
         start = nodes.local(grid.origin[None])[0]
@@ -113,7 +113,7 @@ class GridField(Field):
             _spline_axis.resampling(n, h, float(s), m, step)
             for n, h, s, m, step in zip(nodes.shape, nodes.spacing, start, grid.shape, grid.spacing, strict=True)
         )
-        planes = np.ascontiguousarray(np.moveaxis(self.values, -1, 0), np.float32)
+        planes = np.ascontiguousarray(self.values.transpose(3, 0, 1, 2), np.float32)
         return _core.active.resample_lattice(planes, x[0], y[0], z[1])
 
     def interpolation_error(self, exact: Field, *, points: int = 20_000, seed: int = 0) -> tuple[float, float]:
