@@ -50,9 +50,14 @@ def echo_scene(
 @lru_cache(maxsize=1)
 def _texture() -> NDArray[np.float32]:
     """A periodic random volume of mean 0 and standard deviation 1, smooth over three voxels."""
-    from scipy.ndimage import gaussian_filter
-
-    noise = gaussian_filter(np.random.default_rng(7).standard_normal((56, 56, 56)).astype(np.float32), 1.3, mode="wrap")
+    noise = np.random.default_rng(7).standard_normal((56, 56, 56)).astype(np.float32)
+    offsets = range(-5, 6)
+    weights = np.exp(-0.5 * (np.array(offsets) / 1.3) ** 2)
+    weights /= weights.sum()
+    # as scipy.ndimage.gaussian_filter does, whose import takes ten times as long
+    for axis in range(3):
+        rolled = (weight * np.roll(noise, k, axis) for k, weight in zip(offsets, weights, strict=True))
+        noise = sum(rolled, np.zeros(noise.shape)).astype(np.float32)
     return (noise - noise.mean()) / noise.std()
 
 

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "bindings.hpp"
 #include "brick_kernels.hpp"
@@ -41,16 +42,17 @@ class EchoScene {
           texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
 
     auto interfaces() {
-        std::size_t count = 0;
-        {
+        const std::vector<const sono::InterfaceBlock *> blocks = [&] {
             nb::gil_scoped_release release;
-            for (const auto &block : scene_.interfaces()) count += block.points.size();
-        }
+            return scene_.interfaces();
+        }();
+        std::size_t count = 0;
+        for (const auto *block : blocks) count += block->points.size();
         auto place = new_array<float, 2>({count, 3}), normal = new_array<float, 2>({count, 3});
         auto reflection = new_array<float, 1>({count}), area = new_array<float, 1>({count});
         std::size_t at = 0;
-        for (const auto &block : scene_.interfaces())
-            for (const sono::InterfacePoint &point : block.points) {
+        for (const auto *block : blocks)
+            for (const sono::InterfacePoint &point : block->points) {
                 std::copy_n(point.place, 3, place.data() + 3 * at);
                 std::copy_n(point.normal, 3, normal.data() + 3 * at);
                 reflection.data()[at] = point.reflection, area.data()[at++] = point.area;

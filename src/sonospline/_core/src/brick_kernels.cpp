@@ -65,10 +65,27 @@ void assign(const BeamScope &b, const Lattices &lattices, std::uint64_t key, con
     }
 }
 
+void smooth(const float *from, std::ptrdiff_t apart, const double *weights, std::ptrdiff_t radius, std::ptrdiff_t count,
+            float *to) {
+    constexpr std::ptrdiff_t kAtOnce = 64;  // sums that stay in registers or the first cache
+    double sum[kAtOnce];
+    for (std::ptrdiff_t first = 0; first < count; first += kAtOnce) {
+        const std::ptrdiff_t n = std::min(kAtOnce, count - first);
+        const float *middle = from + first;
+        for (std::ptrdiff_t k = 0; k < n; ++k) sum[k] = weights[0] * static_cast<double>(middle[k]);
+        for (std::ptrdiff_t s = radius; s > 0; --s) {
+            const float *before = middle - s * apart, *after = middle + s * apart;
+            for (std::ptrdiff_t k = 0; k < n; ++k)
+                sum[k] += weights[s] * (static_cast<double>(before[k]) + static_cast<double>(after[k]));
+        }
+        for (std::ptrdiff_t k = 0; k < n; ++k) to[first + k] = static_cast<float>(sum[k]);
+    }
+}
+
 }  // namespace
 
 extern const BrickKernels brick_kernels;
-const BrickKernels brick_kernels = {place, assign};
+const BrickKernels brick_kernels = {place, assign, smooth};
 
 }  // namespace SONO_ISA
 }  // namespace sono

@@ -1,5 +1,5 @@
 // The hot loops of the choice of scatterers, compiled once per instruction set: a brick's
-// scatterers at once, as separate arrays.
+// scatterers at once, as separate arrays, and the impedance around interfaces.
 #pragma once
 
 #include <cstddef>
@@ -40,6 +40,9 @@ struct BrickKernels {
     void (*assign)(const BeamScope &, const Lattices &, std::uint64_t key, const std::int32_t *number, std::size_t count,
                    const double (*local)[kMostInBrick], const double *range, std::int64_t *voxel, double *weight,
                    std::int32_t (*cell)[kMostInBrick], std::int32_t (*place)[kMostInBrick]);
+    /// Weighted sums to[k] of from[k - radius * apart] to from[k + radius * apart], weights[0] for the middle
+    void (*smooth)(const float *from, std::ptrdiff_t apart, const double *weights, std::ptrdiff_t radius,
+                   std::ptrdiff_t count, float *to);
 };
 
 }  // namespace sono

@@ -2,14 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 
+#include "brick_kernels.hpp"
+#include "kernels.hpp"
 #include "parallel.hpp"
 
 namespace sono {
 namespace {
 
-constexpr int kSide = 32;       // voxels smoothed together
+constexpr int kSide = 32;       // voxels of a region: smoothed together
 constexpr int kBlockSide = 16;  // of a block of points
 using Index = std::array<std::ptrdiff_t, 3>;
 
@@ -28,7 +29,16 @@ std::ptrdiff_t reflected(std::ptrdiff_t i, std::ptrdiff_t n) {
     return i;
 }
 
-class Finder {
+// Half the sides of a box around so many voxels, and their points, which shift.
+std::array<double, 3> half_of(const LabelMap &map, int side) {
+    std::array<double, 3> half;
+    for (int a = 0; a < 3; ++a) half[a] = (0.5 * side + 2) * map.spacing[a];
+    return half;
+}
+
+}  // namespace
+
+class Interfaces::Finder {
   public:
     Finder(const LabelMap &map, const double *impedance, double smoothing, double smallest, double largest,
            double points_per_mm2)
@@ -42,33 +52,35 @@ class Finder {
             face_[a] = voxel / map.spacing[a];
         }
         stride_ = {shape_[1] * shape_[2], shape_[2], 1};
-        for (int a = 0; a < 3; ++a) blocks_[a] = (shape_[a] + kSide - 1) / kSide;
+        for (int a = 0; a < 3; ++a) regions_[a] = (shape_[a] + kSide - 1) / kSide;
         for (int x = 0; x < 256; ++x)
             for (int y = 0; y < 256; ++y)
                 seen_[x][y] = std::fabs(impedance[x] - impedance[y]) / (impedance[x] + impedance[y]) > smallest;
     }
 
-    std::size_t blocks() const { return static_cast<std::size_t>(blocks_[0] * blocks_[1] * blocks_[2]); }
+    std::size_t regions() const { return static_cast<std::size_t>(regions_[0] * regions_[1] * regions_[2]); }
 
-    void operator()(std::size_t number, std::vector<InterfaceBlock> &out) const {
-        const auto n = static_cast<std::ptrdiff_t>(number);
-        const Index at = {n / (blocks_[1] * blocks_[2]), n / blocks_[2] % blocks_[1], n % blocks_[2]};
-        Index first, last;
-        for (int a = 0; a < 3; ++a) first[a] = at[a] * kSide, last[a] = std::min(first[a] + kSide, shape_[a]);
+    std::array<double, 3> centre(std::size_t region) const {
+        const Index first = first_of(region);
+        std::array<double, 3> out;
+        for (int a = 0; a < 3; ++a) out[a] = (static_cast<double>(first[a]) + 0.5 * kSide) * map_.spacing[a];
+        return out;
+    }
+
+    std::vector<InterfaceBlock> operator()(std::size_t region) const {
+        const Index first = first_of(region);
+        Index last;
+        for (int a = 0; a < 3; ++a) last[a] = std::min(first[a] + kSide, shape_[a]);
         const std::vector<Face> faces = find(first, last);
-        if (faces.empty()) return;
+        if (faces.empty()) return {};
         const Smooth smooth = smoothed(first, last);
         constexpr int each = kSide / kBlockSide;
         std::vector<InterfaceBlock> blocks(each * each * each);
-        double squared = 0;
-        for (int a = 0; a < 3; ++a) {
-            const double half = (0.5 * kBlockSide + 2) * map_.spacing[a];  // 2: points shift
-            squared += half * half;
+        for (int a = 0; a < 3; ++a)
             for (std::ptrdiff_t b = 0; b < each * each * each; ++b) {
                 const std::ptrdiff_t of_axis = a == 0 ? b / (each * each) : a == 1 ? b / each % each : b % each;
                 blocks[b].centre[a] = (static_cast<double>(first[a] + of_axis * kBlockSide) + 0.5 * kBlockSide) * map_.spacing[a];
             }
-        }
         std::array<std::size_t, each * each * each> counts{}, next{};
         const auto block_of = [&](const Face &face) {
             std::ptrdiff_t b = 0;
@@ -81,10 +93,12 @@ class Finder {
             const std::size_t b = block_of(face);
             place(face, smooth, blocks[b].points.data() + next[b]++, counts[b]);
         }
-        for (InterfaceBlock &block : blocks) {
-            block.radius = std::sqrt(squared);
-            if (!block.points.empty()) out.push_back(std::move(block));
-        }
+        const std::array<double, 3> half = half_of(map_, kBlockSide);
+        const double radius = std::sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
+        for (InterfaceBlock &block : blocks) block.radius = radius;
+        blocks.erase(std::remove_if(blocks.begin(), blocks.end(), [](const auto &block) { return block.points.empty(); }),
+                     blocks.end());
+        return blocks;
     }
 
   private:
@@ -95,12 +109,17 @@ class Finder {
     };
     struct Smooth {
         Index first, size;
-        std::vector<float> values;
+        const std::vector<float> &values;
         float operator()(const Index &at) const {
             return values[static_cast<std::size_t>(((at[0] - first[0]) * size[1] + at[1] - first[1]) * size[2] + at[2] -
                                                    first[2])];
         }
     };
+
+    Index first_of(std::size_t region) const {
+        const auto n = static_cast<std::ptrdiff_t>(region);
+        return {n / (regions_[1] * regions_[2]) * kSide, n / regions_[2] % regions_[1] * kSide, n % regions_[2] * kSide};
+    }
 
     std::vector<Face> find(const Index &first, const Index &last) const {
         std::vector<Face> faces;
@@ -127,7 +146,9 @@ class Finder {
             const auto radius = static_cast<std::ptrdiff_t>(weights_[a].size()) - 1;
             begin[a] = first[a] - 1 - radius, size[a] = last[a] + 2 + radius - begin[a];
         }
-        std::vector<float> in(static_cast<std::size_t>(size[0] * size[1] * size[2]));
+        const BrickKernels &kernel = *kernels().brick;
+        thread_local std::vector<float> in, out;  // fresh pages would cost as much as the sums
+        in.resize(static_cast<std::size_t>(size[0] * size[1] * size[2]));
         std::size_t n = 0;
         for (std::ptrdiff_t i = 0; i < size[0]; ++i)
             for (std::ptrdiff_t j = 0; j < size[1]; ++j) {
@@ -143,22 +164,15 @@ class Finder {
             wanted[axis] -= 2 * radius;
             const std::ptrdiff_t inner = axis == 0 ? size[1] * size[2] : axis == 1 ? size[2] : 1;
             const std::ptrdiff_t outer = axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1];
-            std::vector<float> out(static_cast<std::size_t>(wanted[0] * wanted[1] * wanted[2]));
+            out.resize(static_cast<std::size_t>(wanted[0] * wanted[1] * wanted[2]));
             const std::ptrdiff_t run = inner * wanted[axis];
-            for (std::ptrdiff_t o = 0; o < outer; ++o) {
-                const float *middle = in.data() + o * inner * size[axis] + radius * inner;
-                float *to = out.data() + o * run;
-                for (std::ptrdiff_t k = 0; k < run; ++k) {
-                    double sum = w[0] * static_cast<double>(middle[k]);
-                    for (std::ptrdiff_t s = radius; s > 0; --s)
-                        sum += w[s] * (static_cast<double>(middle[k - s * inner]) + static_cast<double>(middle[k + s * inner]));
-                    to[k] = static_cast<float>(sum);
-                }
-            }
+            for (std::ptrdiff_t o = 0; o < outer; ++o)
+                kernel.smooth(in.data() + o * inner * size[axis] + radius * inner, inner, w.data(), radius, run,
+                              out.data() + o * run);
             in.swap(out);
             begin[axis] += radius, size = wanted;
         }
-        return {begin, size, std::move(in)};
+        return {begin, size, in};
     }
 
     // Points off the face's middle by a hash of their place, moved along the normal onto the smoothed step;
@@ -214,13 +228,11 @@ class Finder {
     const double largest_;
     const std::size_t copies_;
     const double finest_;
-    Index shape_, stride_, blocks_;
+    Index shape_, stride_, regions_;
     std::array<std::vector<double>, 3> weights_;
     std::array<double, 3> face_;
     bool seen_[256][256];  // whether two labels make a surface
 };
-
-}  // namespace
 
 double largest_face(const LabelMap &map) {
     const std::array<double, 3> &h = map.spacing;
@@ -231,13 +243,27 @@ std::size_t interface_copies(const LabelMap &map, double points_per_mm2) {
     return static_cast<std::size_t>(std::max(1.0, std::nearbyint(points_per_mm2 * largest_face(map))));
 }
 
-std::vector<InterfaceBlock> find_interfaces(const LabelMap &map, const double impedance[256], double smoothing,
-                                            double smallest, double largest, double points_per_mm2) {
-    const Finder finder(map, impedance, smoothing, smallest, largest, points_per_mm2);
-    std::vector<std::vector<InterfaceBlock>> parts(finder.blocks());
-    parallel_for(parts.size(), [&](std::size_t part) { finder(part, parts[part]); });
-    std::vector<InterfaceBlock> blocks;
-    for (auto &part : parts) std::move(part.begin(), part.end(), std::back_inserter(blocks));
+Interfaces::Interfaces(const LabelMap &map, const double impedance[256], double smoothing, double smallest, double largest,
+                       double points_per_mm2)
+    : finder_(std::make_unique<Finder>(map, impedance, smoothing, smallest, largest, points_per_mm2)),
+      half_(half_of(map, kSide)), found_(finder_->regions()), known_(finder_->regions()) {}
+
+Interfaces::~Interfaces() = default;
+
+std::array<double, 3> Interfaces::centre(std::size_t region) const { return finder_->centre(region); }
+
+std::vector<const InterfaceBlock *> Interfaces::blocks(const std::vector<std::size_t> &regions) {
+    {
+        std::lock_guard<std::mutex> lock(mutex_);
+        std::vector<std::size_t> unknown;
+        for (const std::size_t region : regions)
+            if (!known_[region]) unknown.push_back(region);
+        parallel_for(unknown.size(), [&](std::size_t i) { found_[unknown[i]] = (*finder_)(unknown[i]); });
+        for (const std::size_t region : unknown) known_[region] = 1;
+    }
+    std::vector<const InterfaceBlock *> blocks;
+    for (const std::size_t region : regions)
+        for (const InterfaceBlock &block : found_[region]) blocks.push_back(&block);
     return blocks;
 }
 

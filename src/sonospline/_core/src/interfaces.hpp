@@ -4,6 +4,8 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <mutex>
 #include <vector>
 
 namespace sono {
@@ -30,8 +32,28 @@ struct InterfaceBlock {
     std::vector<InterfacePoint> points;
 };
 
-/// The blocks that hold points. `smoothing` is the standard deviation in voxels of the finest axis.
-std::vector<InterfaceBlock> find_interfaces(const LabelMap &, const double impedance[256], double smoothing,
-                                            double smallest, double largest, double points_per_mm2);
+/// Interfaces of a label map, found block by block as they are asked for: a probe hears a slice of a scene.
+class Interfaces {
+  public:
+    /// `smoothing` is the standard deviation in voxels of the finest axis.
+    Interfaces(const LabelMap &, const double impedance[256], double smoothing, double smallest, double largest,
+               double points_per_mm2);
+    ~Interfaces();
+
+    std::size_t regions() const { return found_.size(); }
+    /// Middle and half the sides of a box that holds every point of a region.
+    std::array<double, 3> centre(std::size_t region) const;
+    const std::array<double, 3> &half() const { return half_; }
+    /// The blocks of some regions that hold points, in order; from any thread.
+    std::vector<const InterfaceBlock *> blocks(const std::vector<std::size_t> &regions);
+
+  private:
+    class Finder;
+    const std::unique_ptr<const Finder> finder_;
+    const std::array<double, 3> half_;
+    std::mutex mutex_;  // held while regions are found
+    std::vector<std::vector<InterfaceBlock>> found_;
+    std::vector<char> known_;
+};
 
 }  // namespace sono

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "brick_kernels.hpp"
 #include "kernels.hpp"
@@ -46,16 +47,18 @@ double range_of(const BeamScope &b, const Point &at) {
 
 double variance_at(const BeamScope &b, double away) { return b.variance + b.spread_squared * away * away; }
 
-// Whether an echo displaced by the scope's slack, and `more`, may reach a beam.
-bool hears(const BeamScope &b, const Point &at, double r, double more = 0) {
+// Whether an echo displaced by the scope's slack, and `more`, may reach a beam; out of its plane by `across` more.
+bool hears(const BeamScope &b, const Point &at, double r, double more, double across) {
     const double slack = b.slack + more;
     if (!(r > -slack - 1 && r < b.depth + slack + 1)) return false;
     const double beside = std::fabs(at[0]) * b.cos - (at[1] + b.apex) * b.sin - b.half_width;
     if (!(beside < slack + b.beside)) return false;
-    const double beyond = std::fabs(at[2]) - slack;  // what the slice's width must make up for
+    const double beyond = std::fabs(at[2]) - b.slack - across;  // what the slice's width must make up for
     if (beyond <= 0) return true;
     return beyond * beyond < b.cut_squared * variance_at(b, std::min(std::fabs(r - b.focus) + slack, 2 * b.depth));
 }
+
+bool hears(const BeamScope &b, const Point &at, double r, double more = 0) { return hears(b, at, r, more, more); }
 
 // Tissue that one scatterer stands for, mm^3.
 double volume_at(const BeamScope &b, double range) {
@@ -101,19 +104,34 @@ struct EchoScene::Bricks {
 };
 
 EchoScene::EchoScene(const EchoTables &tables, const InterfaceNumbers &numbers, double no_echo)
-    : tables_(tables), numbers_(numbers), copies_(interface_copies(tables.map, numbers.points_per_mm2)) {
+    : tables_(tables), numbers_(numbers), copies_(interface_copies(tables.map, numbers.points_per_mm2)),
+      interfaces_(tables.map, tables.impedance, numbers.smoothing, numbers.smallest, numbers.largest,
+                  numbers.points_per_mm2) {
     for (int label = 0; label < 256; ++label) {
         const double level = tables.level_db[label];
         amplitude_[label] = level > no_echo ? std::exp(kNeperPerDb * level) : 0;
     }
 }
 
-const std::vector<InterfaceBlock> &EchoScene::interfaces() {
-    std::call_once(once_, [&] {
-        interfaces_ = find_interfaces(tables_.map, tables_.impedance, numbers_.smoothing, numbers_.smallest,
-                                      numbers_.largest, numbers_.points_per_mm2);
-    });
-    return interfaces_;
+std::vector<const InterfaceBlock *> EchoScene::interfaces() {
+    std::vector<std::size_t> all(interfaces_.regions());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    return interfaces_.blocks(all);
+}
+
+// Those that a view may hear.
+std::vector<const InterfaceBlock *> EchoScene::surfaces(const View &view) {
+    const BeamScope scope = scope_of(view.probe, view.probe.margin_mm);
+    const Point half = interfaces_.half();
+    double radius = 0, across = 0;  // of a region: a slice is thin
+    for (int a = 0; a < 3; ++a) radius += half[a] * half[a], across += std::fabs(view.to_image[8 + a]) * half[a];
+    radius = std::sqrt(radius);
+    std::vector<std::size_t> near;
+    for (std::size_t region = 0; region < interfaces_.regions(); ++region) {
+        const Point centre = mapped(view.to_image, interfaces_.centre(region));
+        if (hears(scope, centre, range_of(scope, centre), radius, across)) near.push_back(region);
+    }
+    return interfaces_.blocks(near);
 }
 
 // How a label's level departs from its mean at a place (scene lattice mm), as an amplitude.
@@ -243,7 +261,7 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
 
 Choice EchoScene::choose(const View &view) {
     const Bricks bricks(view, tables_.map);
-    const std::vector<InterfaceBlock> &surfaces = interfaces();
+    const std::vector<const InterfaceBlock *> near = surfaces(view);
     const std::size_t volumes = bricks.units();
     const double wanted = std::ceil(view.probe.points_per_mm2 * largest_face(tables_.map));
     const auto used = static_cast<std::size_t>(std::clamp(wanted, 1.0, static_cast<double>(copies_)));
@@ -252,13 +270,13 @@ Choice EchoScene::choose(const View &view) {
         std::lock_guard<std::mutex> lock(spare_mutex_);
         units.swap(spare_);
     }
-    units.resize(volumes + surfaces.size());
+    units.resize(volumes + near.size());
     for (Choice::Unit &unit : units) unit.echoes.clear();
     parallel_for(units.size(), [&](std::size_t unit) {
         if (unit < volumes)
             volume(view, bricks, unit, units[unit]);
         else
-            surface(view, surfaces[unit - volumes], used, units[unit]);
+            surface(view, *near[unit - volumes], used, units[unit]);
     });
     Choice choice;
     choice.sort(std::move(units), view);

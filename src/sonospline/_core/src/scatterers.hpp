@@ -98,7 +98,8 @@ class Choice {
 class EchoScene {
   public:
     EchoScene(const EchoTables &, const InterfaceNumbers &, double no_echo);
-    const std::vector<InterfaceBlock> &interfaces();
+    /// All of them.
+    std::vector<const InterfaceBlock *> interfaces();
     Choice choose(const View &);
     /// Keeps the memory of a choice for the next one: fresh pages cost as much as the work
     void reuse(Choice &&);
@@ -106,6 +107,7 @@ class EchoScene {
   private:
     struct Bricks;
     void volume(const View &, const Bricks &, std::size_t unit, Choice::Unit &) const;
+    std::vector<const InterfaceBlock *> surfaces(const View &);
     void surface(const View &, const InterfaceBlock &, std::size_t used, Choice::Unit &) const;
     double texture(int label, const double place[3]) const;
 
@@ -113,10 +115,9 @@ class EchoScene {
     const InterfaceNumbers numbers_;
     const std::size_t copies_;
     std::array<double, 256> amplitude_;  // 0 where nothing echoes
-    std::once_flag once_;
     std::mutex spare_mutex_;
     std::vector<Choice::Unit> spare_;
-    std::vector<InterfaceBlock> interfaces_;
+    Interfaces interfaces_;
 };
 
 }  // namespace sono
