@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.floating]
+
+_PLANES = 16
+"""Painted at once by a thread: few enough for the cache, enough to be worth waking it."""
 
 
 class Canvas:
@@ -54,14 +60,20 @@ class Canvas:
         over: tuple[int, ...] | None = None,
     ) -> None:
         """Give a label to the voxels of a box that lie inside a shape (and hold one of ``over``)."""
-        window = self.window(low, high)
-        part = self.labels[window]
-        if not part.size:
-            return
-        chosen = np.broadcast_to(inside(*self.axes(window)), part.shape)
-        if over is not None:
-            chosen = chosen & np.isin(part, over)
-        part[chosen] = label
+        x, *rest = self.window(low, high)
+
+        def paint(first: int) -> None:
+            window = (slice(first, min(first + _PLANES, x.stop)), *rest)
+            part = self.labels[window]
+            if not part.size:
+                return
+            chosen = np.broadcast_to(inside(*self.axes(window)), part.shape)
+            if over is not None:
+                chosen = chosen & _any_of(over)[part]
+            part[chosen] = label
+
+        for _ in _painters().map(paint, range(x.start, x.stop, _PLANES)):
+            pass
 
     def tube(
         self,
@@ -84,3 +96,14 @@ class Canvas:
             return (x - foot[0]) ** 2 + (y - foot[1]) ** 2 + (z - foot[2]) ** 2 < radius**2
 
         self.paint(label, np.minimum(a, b) - reach, np.maximum(a, b) + reach, inside, over=over)
+
+
+def _any_of(labels: tuple[int, ...]) -> NDArray[np.bool_]:
+    chosen = np.zeros(256, bool)
+    chosen[list(labels)] = True
+    return chosen
+
+
+@lru_cache(maxsize=1)
+def _painters() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "sonospline-canvas")

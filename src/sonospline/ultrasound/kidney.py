@@ -163,11 +163,7 @@ def _paint_flank(canvas: Canvas, push: float) -> None:
         (0 * x + 0 * y, _SKIN), (2 + wave(0.15, 23, 0), _FAT), (fat_end, _FASCIA), (fat_end + 0.7, _MUSCLE),
         (muscle_end, _FASCIA), (muscle_end + 0.7, _PERIRENAL), (psoas, _FASCIA), (psoas + 0.8, _MUSCLE),
     ]  # fmt: skip
-    depth = np.arange(canvas.labels.shape[2])
-    starts = np.stack([surface(start) for start, _ in layers], axis=-1)
-    for plane, first in zip(canvas.labels, starts, strict=True):  # one at a time stays in the cache
-        for number, (_, label) in enumerate(layers):
-            plane[depth >= first[:, number, None]] = label
+    _pile(canvas.labels, np.stack([surface(start) for start, _ in layers]), [label for _, label in layers])
     sheets = [(4 + 1.8 * k + wave(0.5, 31 + 9 * k, k), 0.5, _FAT, 0.1 + 0.15 * k) for k in range(5)]
     sheets += [(18.5 + wave(0.8, 61, 2.0), 0.6, _MUSCLE, -0.7), (24.5 + wave(0.9, 53, 0.9), 0.6, _MUSCLE, -0.5)]
     sheets += [(21.5 + wave(0.6, 29, 0.2), 0.5, _MUSCLE, 0.4), (28 + wave(0.6, 33, 2.2), 0.5, _MUSCLE, 0.4)]
@@ -187,6 +183,19 @@ def _paint_flank(canvas: Canvas, push: float) -> None:
             canvas.labels[i[same], j[same], k[same]] = _FASCIA
 
 
+def _pile(labels: NDArray[np.uint8], starts: NDArray[np.int64], layers: list[int]) -> None:
+    """Fill columns with layers from their first voxels (layers, nx, ny) on; where they cross, the later one shows."""
+    starts = np.minimum.accumulate(starts[::-1], axis=0)[::-1]
+    rows, columns = np.ogrid[: labels.shape[0], : labels.shape[1]]
+    above = 0
+    for start, label in zip(starts, layers, strict=True):
+        within = (start >= 0) & (start < labels.shape[2])
+        at = rows, columns, np.where(within, start, 0)
+        labels[at] += np.where(within, label - above, 0).astype(np.uint8)
+        above = label
+    np.cumsum(labels, axis=2, dtype=np.uint8, out=labels)
+
+
 def _paint_rib(canvas: Canvas) -> None:
     """The twelfth rib, crossing the image near its cranial edge."""
 
@@ -196,11 +205,16 @@ def _paint_rib(canvas: Canvas) -> None:
     canvas.paint(_BONE, (10, 0, 18), (45, HIGH_MM[1], 28), inside)
 
 
-def _radius(x: Array, y: Array, z: Array) -> Array:
-    """1 on the kidney's surface (a superellipsoid), less inside."""
+def _level(x: Array, y: Array, z: Array) -> Array:
+    """A function of place that is the same on surfaces alike to the kidney's (a superellipsoid)."""
     local = _local(x, y, z)
-    total = sum(np.abs(c / a) ** _EXPONENT for c, a in zip(local, _SEMI_AXES, strict=True))
-    return total ** (1 / _EXPONENT)
+    powers = [np.abs(c / a) ** _EXPONENT for c, a in zip(local, _SEMI_AXES.tolist(), strict=True)]
+    return powers[0] + powers[2] + powers[1]  # those of x and z first: they are one sheet
+
+
+def _surface(radius: float) -> float:
+    """Its value on the surface so many times as large as the kidney's."""
+    return float(radius**_EXPONENT)
 
 
 def _paint_kidney(canvas: Canvas) -> None:
@@ -209,12 +223,13 @@ def _paint_kidney(canvas: Canvas) -> None:
     low, high = _CENTRE - reach, _CENTRE + reach
 
     def gerota(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
-        off = (_radius(x, y, z) - 1) * 24
-        return (off > 7.2) & (off < 7.9) & (np.sin(x / 7) + np.sin(y / 5) > -0.6)
+        level = _level(x, y, z)
+        between = (level > _surface(1 + 7.2 / 24)) & (level < _surface(1 + 7.9 / 24))
+        return between & (np.sin(x / 7) + np.sin(y / 5) > -0.6)
 
     canvas.paint(_FASCIA, low, high, gerota, over=(_PERIRENAL,))
-    canvas.paint(_FASCIA, low, high, lambda x, y, z: _radius(x, y, z) < 1)
-    canvas.paint(_CORTEX, low, high, lambda x, y, z: (1 - _radius(x, y, z)) * 24 > 0.6)
+    canvas.paint(_FASCIA, low, high, lambda x, y, z: _level(x, y, z) < 1)
+    canvas.paint(_CORTEX, low, high, lambda x, y, z: _level(x, y, z) < _surface(1 - 0.6 / 24))
     for station in _STATIONS:
         for row in _ROWS_DEG:
             _paint_pyramid(canvas, station, np.radians(row))
@@ -239,7 +254,7 @@ def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
         height = sum(o * a for o, a in zip(offset, axis, strict=True))
         across = np.sqrt(np.maximum(sum(o * o for o in offset) - height**2, 0))
         wide = np.minimum(2.2 + 0.42 * height, 5.0)
-        return (height > 0) & (height < 17) & (across < wide) & ((1 - _radius(x, y, z)) * 23 > _CORTEX_MM)
+        return (height > 0) & (height < 17) & (across < wide) & (_level(x, y, z) < _surface(1 - _CORTEX_MM / 23))
 
     canvas.paint(_MEDULLA, middle - 20, middle + 20, inside, over=(_CORTEX,))
 

@@ -21,6 +21,9 @@ from .scatterers import echo_scene
 
 Array = NDArray[np.float64]
 
+_COUNTED = 1 << 16
+"""Voxels at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -58,16 +61,16 @@ class Scene:
                 f"labels = {type(self.labels).__name__} is not a Volume; read one with io.volumes.read_volume"
             )
         voxels = self.labels.voxels
-        if not np.issubdtype(voxels.dtype, np.integer) or voxels.min() < 0 or voxels.max() > 255:
+        whole = np.issubdtype(voxels.dtype, np.integer)
+        if voxels.dtype != np.uint8 and (not whole or voxels.min() < 0 or voxels.max() > 255):
             raise ValueError(f"labels has voxels of type {voxels.dtype}; give a label map of whole numbers 0 to 255")
         tissues = {
             int(label): tissue if isinstance(tissue, AcousticTissue) else _named(int(label), tissue)
             for label, tissue in self.tissues.items()
         }
         object.__setattr__(self, "tissues", tissues)
-        present = np.flatnonzero(np.bincount(voxels.ravel(), minlength=256))
-        for label in (0, *present):
-            if int(label) not in tissues:
+        for label in (0, *self._present()):
+            if label not in tissues:
                 raise ValueError(
                     f"label {label} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}, "
                     "or give an AcousticTissue"
@@ -116,6 +119,15 @@ class Scene:
     def _echoes(self) -> dict[str, Any]:
         return {}
 
+    def _present(self) -> list[int]:
+        """Labels that occur; counted part by part, since counting makes an eight-byte copy."""
+        flat = self.bytes.reshape(-1)
+        counts = sum(
+            (np.bincount(flat[k : k + _COUNTED], minlength=256) for k in range(0, flat.size, _COUNTED)),
+            np.zeros(256, np.int64),
+        )
+        return [int(label) for label in np.flatnonzero(counts)]
+
     def refined(self, spacing_mm: float) -> Scene:
         """Return the same scene on a finer lattice, its surfaces rounded instead of stepped.
 
@@ -129,7 +141,7 @@ class Scene:
         _memory.refuse_beyond(9 * int(np.prod(shape)), f"spacing_mm = {spacing_mm}: the refined labels")
         best, winner = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
         exact = [(m - 1) / (n - 1) for m, n in zip(shape, lattice.shape, strict=True)]
-        for label in np.flatnonzero(np.bincount(self.bytes.ravel(), minlength=256)):
+        for label in self._present():
             box = _bounding_box(self.bytes == label, margin=3)
             soft = gaussian_filter((self.bytes[box] == label).astype(np.float32), 0.7)
             start = [round(s.start * e) for s, e in zip(box, exact, strict=True)]
@@ -154,12 +166,12 @@ class Scene:
                 direction=self.labels.lattice.direction,
             )
         )
-        present = [label for label in np.flatnonzero(np.bincount(self.bytes.ravel(), minlength=256)) if label]
+        present = [label for label in self._present() if label]
         for number, label in enumerate(present):
             colour = np.random.default_rng(label).uniform(0.2, 0.95, 3)
             entries = {
                 "ID": f"Segment_{label}",
-                "Name": self.tissues[int(label)].name,
+                "Name": self.tissues[label].name,
                 "LabelValue": str(label),
                 "Layer": "0",
                 "Color": " ".join(f"{c:.3f}" for c in colour),
