@@ -116,4 +116,3 @@ const loop = (now: number) => {
 requestAnimationFrame(loop);
 
 link.open();
-void view.load();

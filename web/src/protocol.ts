@@ -64,7 +64,6 @@ export interface Scene {
   half_slice_mm: number;
   limits: Limits;
   state: State;
-  meshes: MeshInfo[];
 }
 export interface Refused {
   type: "refused";
@@ -136,8 +135,14 @@ export interface Frame {
   positions: Float32Array | null;
 }
 
+export interface MeshData {
+  info: MeshInfo;
+  positions: Float32Array;
+  indices: Uint32Array;
+}
+
 export interface Geometry {
-  meshes: { name: string; positions: Float32Array; indices: Uint32Array }[];
+  meshes: MeshData[];
 }
 
 export type Binary = { kind: "frame"; frame: Frame } | { kind: "geometry"; geometry: Geometry };
@@ -167,16 +172,16 @@ function frame(buffer: ArrayBuffer, start: number, header: FrameHeader): Frame {
   return { header, pixels, positions };
 }
 
-interface GeometryHeader { meshes: { name: string; vertices: number; indices: number }[] }
+interface GeometryHeader { meshes: MeshInfo[] }
 
 function geometry(buffer: ArrayBuffer, start: number, header: GeometryHeader): Geometry {
   let at = start;
-  const meshes = header.meshes.map(({ name, vertices, indices }) => {
-    const positions = new Float32Array(buffer, at, 3 * vertices);
+  const meshes = header.meshes.map((info) => {
+    const positions = new Float32Array(buffer, at, 3 * info.vertices);
     at += positions.byteLength;
-    const corners = new Uint32Array(buffer, at, indices);
-    at += corners.byteLength;
-    return { name, positions, indices: corners };
+    const indices = new Uint32Array(buffer, at, info.indices);
+    at += indices.byteLength;
+    return { info, positions, indices };
   });
   return { meshes };
 }

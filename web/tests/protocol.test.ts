@@ -41,7 +41,7 @@ describe("decode", () => {
       message(2, { meshes }, Float32Array.of(0, 1, 2, 3, 4, 5), Uint32Array.of(0, 1, 1), Float32Array.of(7, 8, 9), Uint32Array.of(0, 0)),
     );
     if (result.kind !== "geometry") throw new Error("no geometry");
-    expect(result.geometry.meshes.map(({ name }) => name)).toEqual(["skin", "grid"]);
+    expect(result.geometry.meshes.map(({ info }) => info.name)).toEqual(["skin", "grid"]);
     expect([...result.geometry.meshes[1].positions]).toEqual([7, 8, 9]);
     expect([...result.geometry.meshes[0].indices]).toEqual([0, 1, 1]);
   });

@@ -10,19 +10,22 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from operator import methodcaller
+from typing import TYPE_CHECKING, Any
 
 from . import messages, wire
 from .library import Library
 from .messages import MessageError
 from .runner import Runner, Stamp
 from .scene_file import MODELS, SceneError
-from .session import Session
-from .shot import Shot
-from .world import World
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from .session import Session
+    from .shot import Shot
+    from .world import World
 
 logger = logging.getLogger(__name__)
 
@@ -71,6 +74,8 @@ class Connection:
         self._grid_wanted = False
         self._sent_field: object = None
         self._sent_grid = False
+        self._shown: World | None = None
+        self._showing: asyncio.Task[None] | None = None
         self._mesh_at = -1.0
         self._refusals: deque[float] = deque(maxlen=MOST_REFUSALS)
         self._arrivals: deque[float] = deque(maxlen=MOST_MESSAGES_S)
@@ -85,9 +90,10 @@ class Connection:
 
     async def close(self) -> None:
         """End the session's thread."""
-        if self._loading is not None:
-            self._loading.cancel()
-            await asyncio.gather(self._loading, return_exceptions=True)
+        for task in (self._loading, self._showing):
+            if task is not None:
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
         await self._end()
 
     def idle_s(self) -> float:
@@ -134,11 +140,11 @@ class Connection:
             case messages.Target():
                 self._aim(message.id)
             case messages.UndoPass():
-                self._command(Session.undo_pass)
+                self._command(methodcaller("undo_pass"))
             case messages.Reset():
-                self._command(Session.reset)
+                self._command(methodcaller("reset"))
             case messages.Restore():
-                self._command(Session.restore)
+                self._command(methodcaller("restore"))
             case messages.ChooseScene():
                 if message.id not in self._library.scenes:
                     known = ", ".join(self._library.scenes)
@@ -229,10 +235,9 @@ class Connection:
     def _start(self, name: str, session: Session) -> None:
         self._session, self._busy_at = session, time.monotonic()
         self._flying.clear()
-        self._of_older_scenes = self._frames
+        self._of_older_scenes, self._shown = self._frames, None
         self._sent_field = session.rest
         self._tell(wire.scene(name, session))
-        self._put(wire.geometry(session.world))
         self._runner = Runner(
             session, partial(self._deliver, session.world), complain=self._complain, ready=self._may_send
         )
@@ -251,9 +256,27 @@ class Connection:
         )  # fmt: skip
         self._flying.append(self._frames)
         self._call(self._put, encoded)
+        if self._frames == self._of_older_scenes + 1:  # nothing shall keep the first picture waiting
+            self._call(self._show, world)
+
+    def _show(self, world: World) -> None:
+        self._showing = self._loop.create_task(self._bring_meshes(world))
+
+    async def _bring_meshes(self, world: World) -> None:
+        try:
+            geometry = await asyncio.wrap_future(self._library.geometry(world))
+        except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
+            logger.warning("the surfaces of a scene could not be made: %s", error)
+            self._complain(f"the 3-D view has no surfaces: {error}")
+            return
+        if self._session is not None and self._session.world is world:
+            self._put(geometry)
+            self._shown = world
 
     def _positions(self, world: World, shot: Shot) -> NDArray[np.float32] | None:
         """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
+        if world is not self._shown:
+            return None
         now = time.monotonic()
         changed = shot.field is not self._sent_field or self._grid_wanted != self._sent_grid
         if not changed or now - self._mesh_at < 1 / MESH_HZ:

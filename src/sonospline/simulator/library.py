@@ -10,13 +10,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import wire
 from .scene_file import SHIPPED, SceneFile
-from .session import Session
 from .tidying import tidy
-from .world import World
+
+if TYPE_CHECKING:
+    from .session import Session
+    from .world import World
 
 Progress = Callable[[float], None]
 
@@ -93,6 +95,10 @@ class Library:
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
 
+    def geometry(self, world: World) -> Future[bytes]:
+        """Return the message with a scene's meshes, once they are made."""
+        return self._maker.submit(wire.geometry, world)
+
     def tidy(self) -> None:
         """Give back the memory of sessions that ended, in the thread that makes scenes."""
         with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
@@ -120,12 +126,16 @@ class Library:
         return self._make(name, text, progress)
 
     def _make(self, name: str, text: str | None, progress: Progress) -> Session:
+        from .session import Session  # here, so that the page can be opened before it is loaded
+
         session = Session(self._world(name, text, progress))
         session.step()
         progress(1.0)
         return session
 
     def _world(self, name: str, text: str | None, progress: Progress) -> World:
+        from .world import World
+
         if text is not None:
             spec = SceneFile.parse(text, file=name)
             _refuse_elsewhere(spec)

@@ -8,11 +8,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .session import Session
-from .shot import Shot
 from .wish import Wish
+
+if TYPE_CHECKING:
+    from .session import Session
+    from .shot import Shot
 
 logger = logging.getLogger(__name__)
 
@@ -39,8 +41,8 @@ class _Asked:
     since: float
 
 
-Deliver = Callable[[Shot, Stamp], None]
-Command = Callable[[Session], Any]
+Deliver = Callable[["Shot", Stamp], None]
+Command = Callable[["Session"], Any]
 Complain = Callable[[str], None]
 
 
@@ -147,7 +149,7 @@ class Runner:
         self.close()
 
     def _run(self) -> None:
-        begun = -1.0
+        begun, warm = -1.0, False
         while self._wait(begun):
             begun = time.perf_counter()
             asked = self._obey()
@@ -157,6 +159,9 @@ class Runner:
                     self._seq = asked.seq
                 self._restless = not shot.settled and not shot.wish.frozen
                 self._deliver(shot, Stamp(self._seq, begun if asked is None else asked.since))
+                if not warm:
+                    warm = True
+                    self.session.warm_up()
             except Exception as error:  # the session goes on with its last picture, whatever failed
                 self._restless = False
                 self._fault(error)

@@ -167,6 +167,16 @@ class Session:
         self._frames += 1
         return self.last
 
+    def warm_up(self) -> None:
+        """Make what the first push will need, so that the first push does not wait for it; nothing changes."""
+        if self._needle is not None or self.last is None:
+            return
+        trial, insertion = self._needle_of(self.grant(self.wish.with_needle(depth=1.0)).wish.needle), self._insertion()
+        if trial is not None:
+            field = GridField.of(insertion.advance(trial))
+            self._aimed(self.wish).render(field, trial, frame=0, gain_db=self.wish.image.gain)
+        insertion.reset()
+
     def settle(self, wish: Wish | None = None, *, most: int = 100) -> Shot:
         """Step until the tissue has come to rest at a wish, and return the last picture."""
         shot = self.step(wish)
@@ -236,12 +246,13 @@ class Session:
 
     def _answer(self, needle: Needle | None) -> None:
         """Let the tissue answer to a needle; where it already has, nothing is done."""
-        insertion = self._insertion()
         if needle is None:
             if self._needle is not None or self._exact_model != self.model:
-                insertion.reset()
+                if self.model in self._insertions:
+                    self._insertions[self.model].reset()
                 self._take(needle, self.rest)
             return
+        insertion = self._insertion()
         same = self._needle is not None and _same(self._needle, needle) and self._exact_model == self.model
         if same and models.settled(insertion):
             return

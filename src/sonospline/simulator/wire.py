@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import struct
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .scene_file import MODELS
-from .session import Session
-from .shot import Shot
-from .surfaces import Mesh
 from .wish import Limits, Wish
-from .world import World
+
+if TYPE_CHECKING:
+    from .session import Session
+    from .shot import Shot
+    from .surfaces import Mesh
+    from .world import World
 
 PROTOCOL = 1
 FRAME, GEOMETRY = 1, 2
@@ -55,13 +57,12 @@ def scene(name: str, session: Session) -> dict[str, Any]:
         "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
         "limits": _limits(world.limits),
         "state": asdict(session.wish),
-        "meshes": [_about(mesh) for mesh in world.meshes],
     }  # fmt: skip
 
 
 def geometry(world: World) -> bytes:
-    """Return message kind 2: rest positions and connectivity of every mesh."""
-    header = {"meshes": [{k: _about(m)[k] for k in ("name", "vertices", "indices")} for m in world.meshes]}
+    """Return message kind 2: how every mesh looks, its rest positions and connectivity."""
+    header = {"meshes": [_about(mesh) for mesh in world.meshes]}
     parts: list[NDArray[Any]] = []
     for mesh in world.meshes:
         parts += [mesh.points.astype("<f4"), mesh.indices.astype("<u4")]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from ..ultrasound.synthesis import Display
 from ..volume import Volume
 from . import surfaces
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
+from .organs import organs
 from .phantoms import PHANTOMS
 from .scene_file import SceneFile, SurfacePart
 from .skin_frame import SkinFrame
@@ -59,9 +59,10 @@ class World:
     """What a probe at a pose sees."""
     probe: Probe
     targets: Mapping[str, Array]
-    meshes: tuple[Mesh, ...]
     start: Wish
     limits: Limits
+    draw: Callable[[], tuple[Mesh, ...]]
+    """Makes :attr:`meshes`."""
 
     @classmethod
     def make(cls, spec: SceneFile, *, folder: Path | None = None, progress: Progress | None = None) -> World:
@@ -88,6 +89,11 @@ class World:
         count = None if grid else -len(self.meshes[-1].points)
         rest = self._vertices[:count]
         return (rest + field.displacement(rest)).astype(np.float32)
+
+    @cached_property
+    def meshes(self) -> tuple[Mesh, ...]:
+        """What the 3-D view is drawn of, the grid lines last; made when first asked for."""
+        return self.draw()
 
     @cached_property
     def _vertices(self) -> Array:
@@ -133,17 +139,11 @@ class _Maker:
         limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.synthetic)
         start = _start(spec, probe, edge=limits.needle["u"][1])
         limits.check(start)
-        # The first look chooses a scene's interfaces, on another processor than the one that makes its surfaces.
-        with ThreadPoolExecutor(1) as other:
-            looked = other.submit(
-                _first_look, matter, probe, frame.probe_to_reference(start.probe, spec.probe.press_mm)
-            )
-            meshes = (*self._organs(matter), surfaces.skin(matter.grid, spec.tissue.entry_face, frame))
-            looked.result()
         self.progress(0.9)
         return World(
             spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
-            targets=targets, meshes=(*meshes, surfaces.grid_lines(matter.grid, frame)), start=start, limits=limits,
+            targets=targets, start=start, limits=limits,
+            draw=partial(_meshes, spec, matter, frame),
         )  # fmt: skip
 
     def _phantom(self) -> _Matter:
@@ -222,20 +222,15 @@ class _Maker:
         origin = lattice.world(low[None])[0]
         return Grid.covering(high - low, nodes=part.nodes, origin=origin, direction=lattice.direction)
 
-    def _organs(self, matter: _Matter) -> list[Mesh]:
-        if matter.labels is None or matter.names is None:
-            return []
-        parts = self.spec.surfaces or _own_surfaces(matter.labels, matter.names)
-        if not parts:
-            return []
-        share = (MOST_VERTICES - _NETS) // len(parts)
-        found = (surfaces.organ(matter.labels, dict(matter.names), part, most=share) for part in parts)
-        return [mesh for mesh in found if mesh is not None]
 
-
-def _first_look(matter: _Matter, probe: Probe, pose: Array) -> None:
-    still = GridField(matter.grid, np.zeros((*matter.grid.shape, 3), np.float32))
-    matter.see(probe, pose).render(still, None, frame=0, gain_db=0.0)
+def _meshes(spec: SceneFile, matter: _Matter, frame: SkinFrame) -> tuple[Mesh, ...]:
+    nets = surfaces.skin(matter.grid, spec.tissue.entry_face, frame), surfaces.grid_lines(matter.grid, frame)
+    if matter.labels is None or matter.names is None:
+        return nets
+    parts = spec.surfaces or _own_surfaces(matter.labels, matter.names)
+    if not parts:
+        return nets
+    return *organs(matter.labels, matter.names, parts, most=(MOST_VERTICES - _NETS) // len(parts)), *nets
 
 
 def _probe(spec: SceneFile) -> Probe:

@@ -3,7 +3,7 @@
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
-import type { Geometry } from "../protocol";
+import type { Frame, Geometry } from "../protocol";
 import type { View3d } from "../view3d/view";
 import { toggleButton } from "./buttons";
 
@@ -12,8 +12,10 @@ export class ViewPane {
   private readonly scale = h("p", { class: "colour-scale", hidden: true }, h("span", {}, "0"), h("canvas", { width: 84, height: 1 }), h("output", { "aria-live": "off" }));
   private readonly swap = h("button", { type: "button", class: "button swap", "data-hint": "Change places with the image", "aria-label": "Change places with the image" }, icon("swap"));
   readonly element = h("section", { class: "view-pane", "aria-label": "3-D view" }, this.scale);
-  /** The geometry of a scene comes once; it may come before the view does. */
+  /** The geometry of a scene comes once, and positions when they change; both may come before the view does. */
   private kept: Geometry | null = null;
+  private moved: Frame | null = null;
+  private loading = false;
 
   constructor(private readonly desk: Desk) {
     const { session } = desk;
@@ -25,12 +27,15 @@ export class ViewPane {
       if (!desk.switches.swapped && document.body.dataset.layout === "tablet") desk.flip("swapped", true);
     });
     this.swap.addEventListener("click", () => desk.flip("swapped"));
-    session.sceneReady.on((scene) => this.view?.begin(scene));
+    session.sceneReady.on((scene) => {
+      this.moved = null;
+      this.view?.begin(scene);
+    });
     session.geometry.on((geometry) => {
       this.kept = geometry;
       this.view?.build(geometry);
     });
-    session.drawn.on((frame) => this.view?.take(frame));
+    session.drawn.on((frame) => this.take(frame));
     desk.switched.on((switches) => {
       toggle(this.element, "small", !switches.swapped);
       this.apply();
@@ -39,8 +44,15 @@ export class ViewPane {
     session.geometry.on(() => this.apply());
   }
 
-  /** The view comes in a file of its own, so that the first image need not wait for it. */
-  async load(): Promise<void> {
+  private take(frame: Frame): void {
+    if (this.view) return this.view.take(frame);
+    if (frame.positions) this.moved = frame;
+    // the view comes in a file of its own after the first image, which then need not share the processor with it
+    if (!this.loading) afterPaint(() => void this.load());
+    this.loading = true;
+  }
+
+  private async load(): Promise<void> {
     try {
       const { View3d } = await import("../view3d/view");
       this.view = new View3d();
@@ -56,7 +68,7 @@ export class ViewPane {
     const { scene, frame } = this.desk.session;
     if (scene) this.view.begin(scene);
     if (this.kept) this.view.build(this.kept);
-    if (frame) this.view.take(frame);
+    for (const past of [this.moved, frame]) if (past) this.view.take(past);
     this.apply();
   }
 
@@ -90,6 +102,11 @@ export class ViewPane {
       context.fillRect(x, 0, 1, 1);
     }
   }
+}
+
+/** Once what was just drawn is on the screen. */
+function afterPaint(run: () => void): void {
+  requestAnimationFrame(() => setTimeout(run));
 }
 
 /** A short touch that does not move; one on a button is the button's. */

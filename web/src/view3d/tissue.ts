@@ -20,10 +20,9 @@ export class TissueModel {
   private parts: Part[] = [];
   private colours = false;
 
-  build(geometry: Geometry, infos: readonly MeshInfo[]): void {
+  build(geometry: Geometry): void {
     this.clear();
-    for (const [k, { name, positions, indices }] of geometry.meshes.entries()) {
-      const info = infos.find((candidate) => candidate.name === name) ?? infos[k];
+    for (const [k, { info, positions, indices }] of geometry.meshes.entries()) {
       this.parts.push(this.part(info, positions.slice(), indices.slice(), k));
     }
     this.group.add(...this.parts.map(({ object }) => object));
@@ -99,7 +98,7 @@ export class TissueModel {
     }
   }
 
-  private clear(): void {
+  clear(): void {
     for (const { object } of this.parts) {
       object.geometry.dispose();
       (object.material as THREE.Material).dispose();
