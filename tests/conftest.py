@@ -9,13 +9,12 @@ from hypothesis import settings
 from scipy.spatial.transform import Rotation
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core
 
 # The machines are shared, so no deadline; the same examples in every run, so no surprise in CI.
 settings.register_profile("sonospline", deadline=None, max_examples=25, derandomize=True, database=None)
 settings.load_profile("sonospline")
-
-needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
 
 
 @pytest.fixture(params=["numpy", pytest.param("core", marks=needs_core)])
@@ -23,6 +22,16 @@ def backend(request, monkeypatch):
     """Run the test on the NumPy twin, then on the compiled core."""
     monkeypatch.setattr(_core, "active", _core.twin if request.param == "numpy" else _core.native)
     return request.param
+
+
+@pytest.fixture
+def native():
+    """The compiled core, left as it was found."""
+    core = _core.native
+    isa, threads = core.instruction_set(), core.thread_count()
+    yield core
+    core.use_instruction_set(isa)
+    core.set_thread_count(threads)
 
 
 @pytest.fixture

@@ -5,11 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from builds import needs_core
 from sonospline import _core, cli
 from sonospline.benchmark import claims, contenders, machine, report, timing
 from sonospline.benchmark.problem import Problem
-
-needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
 
 
 @pytest.mark.parametrize("contender", [*contenders.OURS, *contenders.PEERS], ids=lambda c: c.name)

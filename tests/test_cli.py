@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sonospline as ss
+from builds import run_without
 from sonospline import cli
 from sonospline.io.volumes import read_volume, to_sitk, write_volume
 from sonospline.phantom import layered_block
@@ -193,13 +194,7 @@ def test_doctor_says_what_is_in_use(capsys):
 
 def test_a_missing_extra_is_one_clear_line(tmp_path):
     """In a process where SimpleITK cannot be found."""
-    code = (
-        "import sys, importlib.util as u; find = u.find_spec\n"
-        "u.find_spec = lambda name, *a: None if name == 'SimpleITK' else find(name, *a)\n"
-        "from sonospline.cli import main; sys.exit(main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", code, "insert", "--out", str(tmp_path / "out"), *SMALL]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = run_without("SimpleITK", "insert", "--out", tmp_path / "out", *SMALL)
     assert done.returncode == 1
     assert done.stderr == "sonospline insert: SimpleITK is not installed; run: pip install 'sonospline[io]'\n"
     assert list(tmp_path.iterdir()) == []

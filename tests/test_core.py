@@ -7,23 +7,11 @@ import sys
 import numpy as np
 import pytest
 
+from builds import INSTRUCTION_SETS, needs_core
 from sonospline import _core
 from sonospline._core import twin
 
 KERNELS = {"biharmonic": 0, "triharmonic": 1}
-INSTRUCTION_SETS = [] if _core.native is None else _core.native.instruction_sets()
-
-needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
-
-
-@pytest.fixture
-def native():
-    """The compiled core, left as it was found."""
-    core = _core.native
-    isa, threads = core.instruction_set(), core.thread_count()
-    yield core
-    core.use_instruction_set(isa)
-    core.set_thread_count(threads)
 
 
 @pytest.fixture(params=KERNELS.values(), ids=KERNELS.keys())

@@ -3,23 +3,10 @@
 import numpy as np
 import pytest
 
-from sonospline import _core
+from builds import INSTRUCTION_SETS, needs_core
 from sonospline._core import twin_elastic
 
-INSTRUCTION_SETS = [] if _core.native is None else _core.native.instruction_sets()
 FIVE_PINNED = [False, True, True, True, True, True]
-
-needs_core = pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
-
-
-@pytest.fixture
-def native():
-    """The compiled core, left as it was found."""
-    core = _core.native
-    isa, threads = core.instruction_set(), core.thread_count()
-    yield core
-    core.use_instruction_set(isa)
-    core.set_thread_count(threads)
 
 
 def levels_over(cells, spacing, seed=0, coarsenings=1):

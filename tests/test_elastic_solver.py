@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from builds import needs_core
 from elastic_scenes import away_from_reference, bone_of, consistent_load
 from sonospline import _core
 from sonospline.elastic import (
@@ -294,9 +295,8 @@ def test_too_large_a_contrast_is_refused():
         ElasticSolver(cube(), tissues, nodes=SMALL)
 
 
+@needs_core
 def test_the_twin_runs_the_same_insertion(monkeypatch):
-    if _core.native is None:
-        pytest.skip("the compiled core is not built")
     found = []
     for backend in (_core.native, _core.twin):
         monkeypatch.setattr(_core, "active", backend)

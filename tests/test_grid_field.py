@@ -5,6 +5,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core
 
 TILT = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
@@ -83,9 +84,8 @@ def test_a_point_without_an_inverse_is_nan_and_counted(backend, tilted_grid, cap
     assert "did not converge" in caplog.text
 
 
+@needs_core
 def test_both_backends_sample_and_invert_alike(tilted_grid, random_field):
-    if _core.native is None:
-        pytest.skip("the compiled core is not built")
     values = np.ascontiguousarray(random_field.values, dtype=np.float32)
     points = np.random.default_rng(2).random((3000, 3)) * tilted_grid.extent * 1.2 - 0.5
     both = [b.sample_lattice(values, tilted_grid.spacing, points) for b in (_core.native, _core.twin)]

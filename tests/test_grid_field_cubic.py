@@ -6,6 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse.linalg import spsolve
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core, _spline_axis
 
 RANDOM = np.random.default_rng(5)
@@ -95,7 +96,7 @@ def test_a_lattice_of_other_axes_is_sampled(backend, field, lattice):
     np.testing.assert_allclose(there.on_grid(), expected, rtol=0, atol=1e-6)
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 def test_both_backends_do_alike(monkeypatch, field, lattice):
     found = []
     for backend in (_core.native, _core.twin):

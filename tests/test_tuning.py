@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from builds import run_without
 from sonospline import cli
 from sonospline.commands import _parameters, tune
 from sonospline.validation import front_files
@@ -261,13 +262,7 @@ def test_a_parameter_file_that_makes_no_sense_is_refused(content, message, tmp_p
 
 
 def test_a_missing_pymoo_is_one_clear_line(tmp_path):
-    code = (
-        "import sys, importlib.util as u; find = u.find_spec\n"
-        "u.find_spec = lambda name, *a: None if name == 'pymoo' else find(name, *a)\n"
-        "from sonospline.cli import main; sys.exit(main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", code, "tune", "--out", str(tmp_path / "out"), *TINY]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = run_without("pymoo", "tune", "--out", tmp_path / "out", *TINY)
     assert done.returncode == 1
     assert done.stderr == "sonospline tune: pymoo is not installed; run: pip install 'sonospline[tune]'\n"
     assert list(tmp_path.iterdir()) == []

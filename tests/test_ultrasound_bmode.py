@@ -9,6 +9,7 @@ from scipy import stats
 from scipy.signal import fftconvolve
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core
 from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound, facing
 from sonospline.ultrasound.aim import aim
@@ -268,7 +269,7 @@ def test_the_same_seed_gives_the_same_bits():
     assert not np.array_equal(images[0].iq, liver_scanner(CURVED, 3).render(frame=5).iq)
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 def test_the_number_of_threads_changes_no_bit():
     scanner = liver_scanner(CURVED)
     threads = _core.native.thread_count()
@@ -291,7 +292,7 @@ def a_field(size=(140, 30, 108)):
     return ss.GridField(grid, values.reshape(*grid.shape, 3).astype(np.float32))
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 @pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
 def test_every_instruction_set_agrees_with_the_twin(probe, monkeypatch):
     field, needle = a_field(), ss.Needle((40, 15, 10), (75, 16, 40))
@@ -315,7 +316,7 @@ def test_every_instruction_set_agrees_with_the_twin(probe, monkeypatch):
         _core.native.use_instruction_set(used)
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 @pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
 def test_every_instruction_set_chooses_the_scatterers_of_the_twin(probe, monkeypatch):
     """In a scene with textures and interfaces, seen obliquely, over a lattice turned against it."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core
 from sonospline.phantom import default_needle, layered_block
 from sonospline.ultrasound import (
@@ -210,7 +211,7 @@ def test_a_cut_agrees_with_itk_through_the_exported_transform(block, block_field
     ).mean() > 0.2  # there was something to agree on
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 def test_core_and_twin_cut_alike(block, block_field, block_plane, monkeypatch):
     frames = []
     for back_end in BACK_ENDS:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from builds import needs_core
 from sonospline import _core
 from sonospline.ultrasound import Probe, Scene, Ultrasound, facing, kidney_phantom
 from sonospline.ultrasound.acoustics import TISSUES, known, read_table
@@ -78,7 +79,7 @@ def sorted_rows(*columns):
     return table[np.lexsort(np.round(table, 3).T)]
 
 
-@pytest.mark.skipif(_core.native is None, reason="the compiled core is not built")
+@needs_core
 @pytest.mark.parametrize("spacing", [(0.8, 0.8, 0.8), (1.0, 0.7, 2.0)])
 def test_the_core_and_its_twin_find_the_same_interfaces(spacing, monkeypatch):
     """Larger than a block of the core, and a slab of the twin, along one axis each."""
