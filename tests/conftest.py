@@ -117,3 +117,22 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip("the shared real data are not here")
     return folder
+
+
+@pytest.fixture(scope="module")
+def running():
+    """A server of the simulator; skips where websockets is not installed."""
+    from simulator_client import Running
+
+    server = Running(sessions=9)
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def page(running):
+    """A client of it that was told the scene."""
+    from simulator_client import Client
+
+    with Client(running) as client:
+        yield client.ready()

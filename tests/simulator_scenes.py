@@ -38,3 +38,5 @@ name = "vessel"
 tissues = ["blood", "vessel wall"]
 colour = "#b5483f"
 """
+
+SMALL_PAPER = SMALL.replace("[model]\n", '[model]\nuse = "paper"\n')

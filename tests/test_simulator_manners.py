@@ -1,0 +1,242 @@
+"""The server and bad manners: nonsense, strangers, crowds, and clients that go away; nothing is left behind."""
+
+import asyncio
+import contextlib
+import json
+import socket
+import threading
+import time
+
+import pytest
+
+from simulator_client import Client, Running, websockets
+from simulator_scenes import SMALL_PAPER
+from sonospline.simulator.connection import MOST_REFUSALS, Connection
+from sonospline.simulator.guard import Guard
+from sonospline.simulator.library import Library
+
+
+@pytest.fixture(scope="module")
+def patient_page(running):
+    """One page for all the bad messages: it survives them."""
+    with Client(running) as client:
+        yield client.ready()
+
+
+def nan_state(page):
+    state = json.loads(json.dumps(page.state))
+    state["needle"]["depth"] = float("nan")
+    return json.dumps({"type": "state", "seq": page.seq + 1, **state})
+
+
+def without(page, part):
+    state = {key: value for key, value in page.state.items() if key != part}
+    return json.dumps({"type": "state", "seq": page.seq + 1, **state})
+
+
+@pytest.mark.parametrize(
+    ("message", "what", "says"),
+    [
+        (lambda page: "push!", "message", "is not JSON"),
+        (lambda page: "[" * 30_000, "message", "is not JSON"),
+        (lambda page: "[1]", "message", "is no JSON object"),
+        (lambda page: '{"type": "launch"}', "message", "type = 'launch' is not known; send one of state"),
+        (lambda page: '{"type": ["state"]}', "message", "is not known"),
+        (lambda page: b"\x00\x01", "message", "is binary"),
+        (nan_state, "state", "needle.depth = nan is not finite"),
+        (lambda page: without(page, "probe"), "state", "probe is missing; give a table of slide"),
+        (lambda page: '{"type": "state", "seq": true}', "state", "seq = True is of the wrong kind"),
+        (lambda page: '{"type": "drawn", "frame": 999999}', "drawn", "frame = 999999 is not in flight"),
+        (lambda page: '{"type": "model", "model": "magic"}', "model", "choose one of paper"),
+        (lambda page: '{"type": "target", "id": "moon"}', "target", "choose one of vessel"),
+        (lambda page: '{"type": "scene", "id": "castle"}', "scene", "choose one of small"),
+        (lambda page: '{"type": "restore"}', None, None),
+    ],
+)
+def test_bad_messages_are_refused_and_the_session_goes_on(patient_page, message, what, says):
+    page = patient_page
+    page.frame(page.ask(depth=12.0))
+    page.socket.send(message(page))
+    if what is None:
+        assert "no reset" in page.text("notice")["message"]
+    else:
+        refused = page.text("refused")
+        assert refused["what"] == what
+        assert says in refused["message"]
+        assert "\n" not in refused["message"]
+    header, _ = page.frame(page.ask(depth=13.0))
+    assert header["state"]["needle"]["depth"] == 13
+    time.sleep(0.55)  # 20 refusals in 10 s would be one too many
+
+
+def test_states_out_of_order_or_beyond_limits_are_refused(page):
+    page.frame(page.ask(depth=12.0))
+    page.send(type="state", seq=page.seq, **page.state)
+    refused = page.text("refused")
+    assert (refused["what"], refused["seq"]) == ("state", page.seq)
+    assert "out of order" in refused["message"]
+    page.ask(u=900.0)
+    assert "needle.u = 900 is out of range; give -60 to 60" in page.text("refused")["message"]
+    header, _ = page.frame(page.ask(u=-34.0))
+    assert header["state"]["needle"]["depth"] == 12
+
+
+def test_too_many_refusals_close_the_connection(page):
+    for _ in range(MOST_REFUSALS):
+        page.socket.send("no")
+    with pytest.raises(websockets.ConnectionClosed) as caught:
+        while True:
+            page.socket.recv(timeout=20)
+    assert caught.value.rcvd.code == 1008
+
+
+def test_an_oversized_message_closes_the_connection(running):
+    with Client(running) as page:
+        page.ready()
+        page.socket.send("x" * 70_000)
+        with pytest.raises(websockets.ConnectionClosed) as caught:
+            while True:
+                page.socket.recv(timeout=20)
+    closing = caught.value.rcvd  # lost where the system resets a socket that was left with unread bytes
+    assert closing is None or closing.code == 1009
+    with Client(running) as page:
+        page.ready().frame()
+
+
+def test_a_scene_from_outside_reads_no_file_elsewhere(page):
+    text = 'name = "spy"\n[tissue]\nsource = "volume"\nfile = "../../secret.mha"\n'
+    page.send(type="open_scene", name="spy.toml", text=text)
+    assert "lies outside the folder the server was started in" in page.text("refused")["message"]
+
+
+@pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}])
+def test_a_foreign_origin_is_turned_away(running, headers):
+    with Client(running, additional_headers=headers) as client:
+        with pytest.raises(websockets.ConnectionClosed) as caught:
+            client.text("hello")
+        assert caught.value.rcvd.code == 1008
+        assert "is not this page" in caught.value.rcvd.reason
+
+
+def test_its_own_origin_is_let_in(running):
+    origin = f"http://127.0.0.1:{running.port}"
+    with Client(running, additional_headers={"Origin": origin}) as client:
+        assert client.text("hello")["protocol"] == 1
+
+
+def test_a_foreign_host_is_turned_away(running):
+    assert running.get("/healthz", Host="evil.example")[0] == 421
+    with socket.create_connection(("127.0.0.1", running.port)) as raw:
+        raw.sendall(
+            b"GET /live HTTP/1.1\r\nHost: evil.example\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        raw.settimeout(10)
+        answer = b""
+        with contextlib.suppress(TimeoutError):
+            while b"Host evil.example" not in answer and (some := raw.recv(4096)):
+                answer += some
+    assert b"Host evil.example is not this server" in answer  # the reason in the closing frame
+    assert b"hello" not in answer
+
+
+def test_a_token_is_demanded_where_others_can_reach():
+    with pytest.raises(ValueError, match=r"--host = 0.0.0.0 can be reached by others; give --token"):
+        Guard("0.0.0.0", 80)
+    guard = Guard("0.0.0.0", 80, "long enough")
+    headers = {"host": "myserver:80", "origin": "http://myserver:80"}
+    assert guard.refusal(headers, "long enough") is None
+    assert guard.refusal(headers, None) == "the token is missing or wrong"
+    assert guard.refusal(headers, "wrong enough") == "the token is missing or wrong"
+
+
+def test_a_token_works_over_the_wire():
+    running = Running(token="open sesame")
+    with Client(running) as client, pytest.raises(websockets.ConnectionClosed) as caught:
+        client.text("hello")
+    assert caught.value.rcvd.code == 1008
+    with Client(running, "/live?token=open%20sesame") as client:
+        assert client.text("hello")["protocol"] == 1
+    running.stop()
+
+
+def test_eight_clients_and_one_too_many():
+    before = set(threading.enumerate())
+    running = Running(sessions=8)
+    with contextlib.ExitStack() as stack:
+        pages = [stack.enter_context(Client(running)).ready() for _ in range(8)]
+        for number, page in enumerate(pages):
+            page.ask(depth=5.0 + number)
+        for number, page in enumerate(pages):
+            header, _ = page.frame(page.seq)
+            assert header["state"]["needle"]["depth"] == 5.0 + number
+        with Client(running) as ninth, pytest.raises(websockets.ConnectionClosed) as caught:
+            ninth.text("hello")
+        assert caught.value.rcvd.code == 1013
+        assert "8 sessions are open" in caught.value.rcvd.reason
+    end = time.monotonic() + 20
+    while running.server.connections and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not running.server.connections
+    with Client(running) as again:
+        again.ready().frame()
+    running.stop()
+    left = set(threading.enumerate()) - before
+    assert not [thread for thread in left if thread.name.startswith("sonospline")]
+
+
+def test_a_client_that_does_not_read_is_hung_up_on():
+    """Its answers fill the socket, then the outbox; then that is enough."""
+
+    async def fill():
+        outbox = asyncio.Queue(4)
+        connection = Connection(Library(), outbox)
+        for _ in range(4):
+            connection._tell({"type": "model", "model": "paper"})
+        assert not connection.deaf
+        connection._tell({"type": "model", "model": "paper"})
+        assert connection.deaf
+        assert outbox.qsize() == 4
+
+    asyncio.run(fill())
+
+
+def test_a_client_that_vanishes_leaves_nothing(running):
+    sessions = [thread for thread in threading.enumerate() if thread.name == "sonospline-session"]
+    client = Client(running).__enter__().ready()
+    client.frame(client.ask(depth=9.0), draw=False)
+    client.socket.socket.shutdown(socket.SHUT_RDWR)  # as a machine that goes away
+    client.socket.socket.close()
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        left = [thread for thread in threading.enumerate() if thread.name == "sonospline-session"]
+        if len(left) <= len(sessions):
+            break
+        time.sleep(0.02)
+    assert len(left) <= len(sessions)
+    with contextlib.suppress(Exception):
+        client.__exit__(None, None, None)
+
+
+def test_an_idle_session_is_closed():
+    running = Running(idle_s=0.5)
+    with Client(running) as page:
+        page.ready()
+        with pytest.raises(websockets.ConnectionClosed) as caught:
+            while True:
+                page.frame()
+        assert (caught.value.rcvd.code, caught.value.rcvd.reason) == (1001, "idle")
+    running.stop()
+
+
+def test_rough_use_leaves_the_server_well(tmp_path):
+    """Seconds of what benchmarks/ten_minutes_of_use_leave_memory_flat.py does for ten minutes."""
+    from sonospline.benchmark.soak import soak
+
+    scene = tmp_path / "small.toml"
+    scene.write_text(SMALL_PAPER)
+    result = soak(str(scene), 6.0, visit_s=1.5)
+    assert result["visits"] >= 3
+    assert result["frames"] > 20
+    assert (result["out_of_order"], result["refused"], result["faults"]) == (0, [], [])
+    assert result["threads"]["after"] <= result["threads"]["before"]
