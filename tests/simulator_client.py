@@ -70,9 +70,17 @@ class Client:
         self.hello = self.text("hello")
         self.scene = self.text("scene")
         self.state = self.scene["state"]
-        kind, self.geometry, self.payload = wire.read(self.socket.recv(timeout=60))
-        assert kind == wire.GEOMETRY
+        self.meshes()
         return self
+
+    def meshes(self):
+        """Wait for the geometry, which follows the first frame."""
+        header, _ = self.frame()
+        assert header["mesh"] == 0
+        while True:
+            kind, self.geometry, self.payload = self._take()
+            if kind == wire.GEOMETRY:
+                return
 
     def send(self, **message):
         self.socket.send(json.dumps(message))
@@ -86,19 +94,23 @@ class Client:
     def frame(self, seq=None, seconds=60, draw=True):
         """The next frame, or the next that contains a state."""
         while True:
-            message = self.socket.recv(timeout=seconds)
-            if isinstance(message, bytes):
-                header, payload = self._keep(message, draw)
-                if seq is None or header["seq"] >= seq:
-                    return header, payload
+            kind, header, payload = self._take(seconds, draw)
+            if kind == wire.FRAME and (seq is None or header["seq"] >= seq):
+                return header, payload
+
+    def _take(self, seconds=60, draw=True):
+        """The next binary message."""
+        while isinstance(message := self.socket.recv(timeout=seconds), str):
+            pass
+        return self._keep(message, draw)
 
     def _keep(self, message, draw=True):
         kind, header, payload = wire.read(message)
-        assert kind == wire.FRAME
-        self.frames.append(header["frame"])
-        if draw:
-            self.send(type="drawn", frame=header["frame"])
-        return header, payload
+        if kind == wire.FRAME:
+            self.frames.append(header["frame"])
+            if draw:
+                self.send(type="drawn", frame=header["frame"])
+        return kind, header, payload
 
     def __enter__(self):
         self.socket = self._opening.__enter__()

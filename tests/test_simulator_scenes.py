@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulator_scenes import SMALL
-from sonospline.simulator import SceneError, SceneFile, Session, World, scene_schema
+from sonospline.simulator import SceneError, SceneFile, Session, World, organs, scene_schema
 from sonospline.simulator.scene_file import SHIPPED, line_of
 from sonospline.simulator.surfaces import MOST_VERTICES
 
@@ -209,3 +209,20 @@ length_mm = 60.0
 
 def _made(text):
     return World.make(SceneFile.parse(text))
+
+
+def test_surfaces_are_kept_between_runs(world, monkeypatch, tmp_path, caplog):
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
+    made = world.draw()
+    (kept,) = tmp_path.glob("surfaces-*.npz")
+    monkeypatch.setattr(organs, "_contour", None)  # whoever makes surfaces now fails
+    for mesh, again in zip(made, world.draw(), strict=True):
+        assert (mesh.name, mesh.colour) == (again.name, again.colour)
+        np.testing.assert_array_equal(mesh.points, again.points)
+        np.testing.assert_array_equal(mesh.indices, again.indices)
+    monkeypatch.undo()
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
+    kept.write_bytes(kept.read_bytes()[:100])
+    assert len(world.draw()) == len(made)
+    assert "surfaces of organs" in caplog.text
+    assert kept.stat().st_size > 100

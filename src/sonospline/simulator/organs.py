@@ -59,7 +59,7 @@ def _write(stream: IO[bytes], found: list[Surface]) -> None:
 
 
 def _read(file: Path) -> list[Surface]:
-    with np.load(file, allow_pickle=False) as kept:
+    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
         arrays = [kept[f"arr_{k}"] for k in range(len(kept.files))]
     return list(zip(arrays[::2], arrays[1::2], strict=True))
 

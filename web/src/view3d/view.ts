@@ -77,12 +77,13 @@ export class View3d {
     this.needle.group.visible = false;
     this.box = boxEdges(scene);
     this.stage.add(this.probe, this.needle.group, this.box);
+    this.tissue.clear();
     shine(this.stage, scene.frame);
     this.home();
   }
 
   build(geometry: Geometry): void {
-    if (this.scene) this.tissue.build(geometry, this.scene.meshes);
+    this.tissue.build(geometry);
     this.redraw();
   }
 
