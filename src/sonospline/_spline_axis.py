@@ -37,20 +37,30 @@ def filter_matrix(nodes: int) -> Array:
     return matrix
 
 
+def weights(nodes: int, position: float) -> Array:
+    """Return the weights (nodes,) of the values at nodes in the value at one position, in spacings."""
+    cell, of_coefficients = _bumps(nodes, np.array([position]))
+    return of_coefficients[0] @ filter_matrix(nodes)[cell[0] : cell[0] + 4]
+
+
 def sum_matrix(nodes: int, positions: Array) -> Array:
     """Return the matrix (m, nodes + 2) from B-spline coefficients to values at positions, in spacings.
 
     Beyond the nodes the spline keeps its end values.
     """
+    cell, of_coefficients = _bumps(nodes, positions)
+    matrix = np.zeros((len(cell), nodes + 2))
+    np.put_along_axis(matrix, cell[:, None] + np.arange(4), of_coefficients, axis=1)
+    return matrix
+
+
+def _bumps(nodes: int, positions: Array) -> tuple[NDArray[np.int64], Array]:
+    """The first of the four coefficients that count at each position, and their weights (m, 4)."""
     place = np.clip(positions, 0, nodes - 1)
     cell = np.minimum(place.astype(int), nodes - 2)
     t = place - cell
-    weights = np.stack(
-        [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3], axis=1
-    ) / 6  # fmt: skip
-    matrix = np.zeros((len(place), nodes + 2))
-    np.put_along_axis(matrix, cell[:, None] + np.arange(4), weights, axis=1)
-    return matrix
+    of_coefficients = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+    return cell, np.stack(of_coefficients, axis=1) / 6
 
 
 @lru_cache(maxsize=64)

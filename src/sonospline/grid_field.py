@@ -145,14 +145,14 @@ class GridField(Field):
 
     def _one_by_one(self, local: Array) -> Array:
         """Displacement at a few points by their own sums over all nodes: no coefficients are made."""
-        weights = [
-            (_spline_axis.sum_matrix(n, local[:, axis] / h) @ _spline_axis.filter_matrix(n)).astype(np.float32)
-            for axis, (n, h) in enumerate(zip(self._nodes.shape, self._nodes.spacing, strict=True))
-        ]
-        return np.stack([
-            np.einsum("k,kc->c", wz, np.einsum("j,jkc->kc", wy, np.einsum("i,ijkc->jkc", wx, self.along_axes)))
-            for wx, wy, wz in zip(*weights, strict=True)
-        ])  # fmt: skip
+        found = []
+        for place in local / self._nodes.spacing:
+            value: NDArray[np.floating] = self.along_axes
+            for n, x in zip(self._nodes.shape, place, strict=True):
+                weights = _spline_axis.weights(n, x).astype(np.float32)
+                value = np.einsum("i,im->m", weights, value.reshape(n, -1))
+            found.append(value)
+        return np.stack(found)
 
     def _at(self, local: Array) -> Array:
         """Displacement along the lattice axes at points in its frame."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
-
-from .. import _validate
 
 HELP = "serve the live simulator: a needle and a probe in a browser, tissue that answers"
 EXAMPLES = """examples:
@@ -43,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Serve until Ctrl-C; return what was served."""
+    # Before NumPy is loaded: the threads of its BLAS spin on the processors that draw the picture.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .. import _validate
     from ..simulator.server import Server
 
     idle_s = 60 * _validate.number("--idle", args.idle, positive=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass
+from functools import lru_cache
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
@@ -48,7 +49,7 @@ def read(kind: type[T], values: Any, path: tuple[str | int, ...] = ()) -> T:
     for key in values:
         if key not in _names(kind):
             raise FieldError((*path, key), f"is not known; use {', '.join(_names(kind))}")
-    hints, found = get_type_hints(kind), {}
+    hints, found = _hints(kind), {}
     for entry in fields(kind):  # type: ignore[arg-type]
         here = (*path, entry.name)
         if entry.name in values:
@@ -63,7 +64,7 @@ def read(kind: type[T], values: Any, path: tuple[str | int, ...] = ()) -> T:
 
 def schema(kind: Any) -> dict[str, Any]:
     """Return the JSON schema of a dataclass."""
-    hints = get_type_hints(kind)
+    hints = _hints(kind)
     properties, required = {}, []
     for entry in fields(kind):
         about = _schema_of(hints[entry.name], entry)
@@ -77,8 +78,11 @@ def schema(kind: Any) -> dict[str, Any]:
     return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 
 
-def _names(kind: Any) -> list[str]:
-    return [entry.name for entry in fields(kind)]
+# Looked up for every message: a state message has five tables.
+_hints: Callable[[Any], dict[str, Any]] = lru_cache(maxsize=64)(get_type_hints)
+_names: Callable[[Any], tuple[str, ...]] = lru_cache(maxsize=64)(
+    lambda kind: tuple(entry.name for entry in fields(kind))
+)
 
 
 def _value(hint: Any, value: Any, path: tuple[str | int, ...], entry: Field[Any]) -> Any:

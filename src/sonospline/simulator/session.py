@@ -161,7 +161,6 @@ class Session:
         imager = self._aimed(granted.wish)
         image = imager.render(self._shown, needle, frame=self._frames, gain_db=granted.wish.image.gain)
         rendered = time.perf_counter()
-        self._count(granted.wish, imager)
         self.wish = granted.wish
         self.last = self._shot(granted, imager, image, 1e3 * (stepped - started), 1e3 * (rendered - stepped))
         self._frames += 1
@@ -277,7 +276,7 @@ class Session:
         self._aimed_for = asked
         return self._imager
 
-    def _count(self, wish: Wish, imager: Imager) -> None:
+    def _count(self, wish: Wish, tip: Array, out_of_plane: float) -> None:
         now = self._clock()
         if wish.needle.depth == 0:
             self._entered = None
@@ -285,9 +284,7 @@ class Session:
         if self._entered is None:
             self._passes = (*self._passes, self._figures)
             self._figures, self._entered = self._figures.entered(now), wish.needle
-        assert self._needle is not None
-        off, _ = imager.out_of_plane(self._needle.tip)
-        self._figures = self._figures.moved(self._needle.tip, off, now)
+        self._figures = self._figures.moved(tip, out_of_plane, now)
 
     def _shot(self, granted: Granted, imager: Imager, image: Any, step_ms: float, render_ms: float) -> Shot:
         frame, wish = self.world.frame, granted.wish
@@ -296,6 +293,7 @@ class Session:
         rest = self.world.targets[self.target]
         moved = np.zeros(3) if self._needle is None else self._insertion().field.displacement(rest[None])[0]
         out_of_plane, half_slice = imager.out_of_plane(tip)
+        self._count(wish, tip, out_of_plane)
         readouts = Readouts(
             tip_to_target=float(np.linalg.norm(rest + moved - tip)), depth=wish.needle.depth,
             moved=float(np.linalg.norm(moved)), moved_parts=frame.parts(moved), out_of_plane=out_of_plane,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,7 +55,7 @@ def scene(name: str, session: Session) -> dict[str, Any]:
         "tolerance_mm": spec.display.tolerance_mm,
         "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
         "limits": _limits(world.limits),
-        "state": asdict(session.wish),
+        "state": session.wish.told,
     }  # fmt: skip
 
 
@@ -74,16 +73,16 @@ def frame(shot: Shot, *, number: int, seq: int, positions: NDArray[np.float32] |
     """Return message kind 1: the picture, the state it shows, and positions of the meshes where they changed."""
     pixels = np.ascontiguousarray(shot.image.pixels, np.uint8)
     rows, columns = pixels.shape
-    figures, readouts = shot.figures, asdict(shot.readouts)
+    figures = shot.figures
     header = {
         "frame": number, "seq": seq, "rows": rows, "columns": columns, "pixel": list(shot.image.plane.spacing_mm),
         "image_to_reference": shot.image_to_reference.ravel().tolist(),
         "probe_to_reference": np.asarray(shot.probe_to_reference).ravel().tolist(),
-        "state": asdict(shot.wish),
+        "state": shot.wish.told,
         "blocked": shot.blocked,
         "needle": {"entry": shot.entry.tolist(), "tip": shot.tip.tolist(), "direction": shot.direction.tolist()},
         "target": {"id": shot.target, "now": shot.target_now.tolist(), "rest": shot.target_rest.tolist()},
-        "readouts": readouts,
+        "readouts": vars(shot.readouts),
         "pass": {
             "time_s": figures.time_s, "passes": figures.passes, "tip_path_mm": figures.tip_path_mm,
             "max_off_plane_mm": figures.max_off_plane_mm,
@@ -123,9 +122,9 @@ def _about(mesh: Mesh) -> dict[str, Any]:
 
 
 def _limits(limits: Limits) -> dict[str, Any]:
-    return {part: {key: list(pair) for key, pair in getattr(limits, part).items()} for part in asdict(limits)}
+    return {part: {key: list(pair) for key, pair in getattr(limits, part).items()} for part in vars(limits)}
 
 
 def state_text(wish: Wish, seq: int) -> str:
     """Return a client's state message; for clients written in Python."""
-    return json.dumps({"type": "state", "seq": seq, **asdict(wish)})
+    return json.dumps({"type": "state", "seq": seq, **wish.told})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 from ._fields import FieldError
 
@@ -59,6 +60,13 @@ class Wish:
     probe: ProbeWish
     image: ImageWish
     frozen: bool = False
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The wish as a state message has it."""
+        return {
+            "needle": vars(self.needle), "probe": vars(self.probe), "image": vars(self.image), "frozen": self.frozen,
+        }  # fmt: skip
 
     def with_needle(self, **changes: float) -> Wish:
         """Return the wish with some of the needle's figures changed."""
