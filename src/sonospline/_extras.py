@@ -22,6 +22,7 @@ PROVIDES = {
     "starlette": "serve",
     "uvicorn": "serve",
     "websockets": "serve",
+    "playwright": "bench",
 }
 """Module -> the extra that brings it."""
 

@@ -1,6 +1,7 @@
 /** Pose sent to its frame drawn, by sequence number, and frames drawn a second. Times in ms. */
 
 const WINDOW = 1000;
+const MEASURE = "pose to drawn";
 
 export class Meter {
   private sent = new Map<number, number>();
@@ -16,7 +17,10 @@ export class Meter {
   frameDrawn(seq: number, at: number): void {
     this.drawn.push(at);
     const from = this.sent.get(seq);
-    if (seq > this.newest && from !== undefined) this.samples.push({ at, value: at - from });
+    if (seq > this.newest && from !== undefined) {
+      this.samples.push({ at, value: at - from });
+      report(from, at);
+    }
     if (seq > this.newest) {
       for (const old of this.sent.keys()) if (old <= seq) this.sent.delete(old);
       this.newest = seq;
@@ -48,6 +52,12 @@ export class Meter {
     this.drawn = [];
     this.newest = 0;
   }
+}
+
+/** For whoever observes the page's performance entries; none are kept. */
+function report(start: number, end: number): void {
+  performance.measure(MEASURE, { start, end });
+  performance.clearMeasures(MEASURE);
 }
 
 export function median(values: readonly number[]): number {

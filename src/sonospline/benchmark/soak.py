@@ -15,7 +15,7 @@ import numpy as np
 
 from .._extras import require
 from ..simulator import wire
-from .live import first_scene, serving
+from .live import first_scene, serving, socket_of
 
 WARM_UP_SHARE = 0.2
 """Of the time: caches fill and every model is made once."""
@@ -39,9 +39,9 @@ class Log:
 
 def soak(scene: str, seconds: float, *, seed: int = 0, visit_s: float = _VISIT_S) -> dict[str, Any]:
     """Use a server in every way for so many seconds; return what became of it."""
-    with serving(scene) as (url, process):
+    with serving(scene) as (address, process):
         log = Log()
-        threads = asyncio.run(_soak(url, process, seconds, log, random.Random(seed), visit_s))
+        threads = asyncio.run(_soak(socket_of(address), process, seconds, log, random.Random(seed), visit_s))
     times, memory = np.array(log.memory).T
     settled = times > WARM_UP_SHARE * seconds
     early, late = (float(np.median(part)) for part in np.array_split(memory[settled], 4)[::3])
