@@ -37,10 +37,11 @@ export class Curves {
   }
 }
 
-/** The largest value of an axis, at least `least`, at a round step: at most so many steps. */
+/** The end of an axis that holds `largest` and at least `least`, and its step: round, as few as can be, at most `steps`. */
 export function axisTop(largest: number, least: number, steps: number): { top: number; step: number } {
-  const wanted = Math.max(largest, least) / steps;
-  const ten = 10 ** Math.floor(Math.log10(wanted));
-  const step = [1, 2, 2.5, 5, 10].map((k) => k * ten).find((size) => size >= wanted * (1 - 1e-9)) ?? 10 * ten;
-  return { top: step * Math.ceil(Math.max(largest, least) / step - 1e-9), step };
+  const end = Math.max(largest, least);
+  const ten = 10 ** Math.floor(Math.log10(end / steps));
+  const sizes = [1, 2, 5, 10].map((k) => k * ten).filter((size) => end <= size * steps * (1 + 1e-9));
+  const [step] = sizes;
+  return { top: step * Math.ceil(end / step - 1e-9), step };
 }

@@ -99,7 +99,8 @@ describe("curves", () => {
 
   it("have round axes", () => {
     expect(axisTop(67, 80, 5)).toEqual({ top: 80, step: 20 });
-    expect(axisTop(4.1, 2, 2)).toEqual({ top: 5, step: 2.5 });
+    expect(axisTop(4.1, 2, 3)).toEqual({ top: 6, step: 2 });
+    expect(axisTop(0, 2, 3)).toEqual({ top: 2, step: 1 });
   });
 });
 

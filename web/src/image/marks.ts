@@ -12,8 +12,10 @@ const HANDLE = 13;
 const TIP = 11;
 const TARGET = 15;
 const PATH_TICK = 5;
-/** px from the left that the caption takes. */
-const CAPTION = 182;
+/** px from the left that the depth scale takes. */
+const SCALE = 62;
+/** px of skin beyond the handle. */
+const BEYOND = 34;
 /** px of the pane's edge that the handle keeps clear of. */
 const INSET = 18;
 
@@ -73,9 +75,11 @@ export class Marks {
       return map.point([skin.through[0] + t * skin.along[0], skin.through[1] + t * skin.along[1]]);
     };
     const reachOut = Math.min(0.16 * paneWidth, 170);
+    const [entry] = map.point(toFrame(header.image_to_reference, header.needle.entry));
+    const [first, last] = [Math.min(left[0] - 0.6 * reachOut, entry - BEYOND), Math.max(right[0] + 0.6 * reachOut, entry + BEYOND)];
     const parts: Point[][] = [
-      [onSkin(Math.min(left[0] - 6, Math.max(CAPTION, left[0] - reachOut))), onSkin(left[0] - 6)],
-      [onSkin(right[0] + 6), onSkin(Math.min(paneWidth - 8, right[0] + 0.6 * reachOut))],
+      [onSkin(Math.min(left[0] - 6, Math.max(SCALE, first))), onSkin(left[0] - 6)],
+      [onSkin(right[0] + 6), onSkin(Math.min(paneWidth - 8, last))],
     ];
     this.skin.draw(parts.map(polyline).join(""));
   }

@@ -31,7 +31,7 @@ const SPEED: readonly Line[] = [
 const PROBE: readonly Line[] = [
   ["Slide along image", ["KeyA", "/", "KeyD"], "Drag the probe", "L stick ← →"],
   ["Sweep across", ["KeyW", "/", "KeyS"], "Drag the probe", "L stick ↑ ↓"],
-  ["Rotate", ["KeyQ", "/", "KeyE"], "Drag the probe's head", "LB RB"],
+  ["Rotate", ["KeyQ", "/", "KeyE"], "Drag its ring", "LB RB"],
   ["Fan", ["KeyZ", "/", "KeyX"], "Fan buttons", "D-pad ← →"],
   ["Recentre", ["KeyB"], "Recentre button", "–"],
 ];

@@ -1,11 +1,13 @@
 /** How far the target has moved against insertion depth: the live model, and the others' curves as they were left. */
 
-import { axisTop, Curves } from "../curves";
+import { axisTop, Curves, type Curve } from "../curves";
 import { h, s } from "../dom";
 import type { Session } from "../session";
 
 const ROOM = { left: 22, right: 8, top: 22, bottom: 22 };
 const EVERY = 100;
+/** px that a name takes. */
+const LABEL = 78;
 const DASHES = ["5 4", "1.500 3.500", "8 3 2 3"];
 
 export class MotionPlot {
@@ -52,7 +54,7 @@ export class MotionPlot {
     const deepest = Math.max(0, ...all.flatMap(({ points }) => points.map(([depth]) => depth)));
     const largest = Math.max(0, ...all.flatMap(({ points }) => points.map(([, moved]) => moved)));
     const x = axisTop(deepest, 80, 5);
-    const y = axisTop(largest, 2, 2);
+    const y = axisTop(largest, 2, 3);
     const px = (depth: number) => ROOM.left + (width * depth) / x.top;
     const py = (moved: number) => ROOM.top + height * (1 - moved / y.top);
     const line = (points: readonly (readonly [number, number])[]) =>
@@ -67,13 +69,18 @@ export class MotionPlot {
     }
     const name = (id: string) => scene?.models.find((candidate) => candidate.id === id)?.name ?? id;
     const taken: number[] = [];
-    const label = (id: string, points: readonly (readonly [number, number])[], className: string) => {
+    const highest = (from: number, to: number) =>
+      Math.min(...all.flatMap(({ points }) => points.filter(([depth]) => px(depth) >= from && px(depth) <= to).map(([, moved]) => py(moved))));
+    const label = (id: string, points: Curve, className: string) => {
       const [depth, moved] = points[points.length - 1];
-      let at = Math.min(ROOM.top + height - 4, Math.max(11, py(moved) - 8));
-      while (taken.some((other) => Math.abs(other - at) < 14) && at > 12) at -= 14;
+      const end = px(depth);
+      const room = end + LABEL < this.size.width;
+      // beside the end of its curve, or over all curves where there is no room
+      let at = room ? py(moved) + 4 : Math.min(py(moved), highest(end - LABEL, end)) - 9;
+      at = Math.min(ROOM.top + height - 4, Math.max(9, at));
+      while (taken.some((other) => Math.abs(other - at) < 13) && at > 10) at -= 13;
       taken.push(at);
-      const room = px(depth) + 70 < this.size.width;
-      out.push(s("text", { class: className, x: (px(depth) + (room ? 8 : -8)).toFixed(1), y: (at + (room ? 6 : 0)).toFixed(1), "text-anchor": room ? "start" : "end" }, name(id)));
+      out.push(s("text", { class: className, x: (end + (room ? 9 : 4)).toFixed(1), y: at.toFixed(1), "text-anchor": room ? "start" : "end" }, name(id)));
     };
     const live = all.find(({ id }) => id === model);
     if (live && live.points.length > 1) label(model, live.points, "live");

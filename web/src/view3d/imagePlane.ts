@@ -12,7 +12,8 @@ export class ImagePlane {
     new THREE.LineBasicMaterial({ color: 0xaeb7c0, transparent: true, opacity: 0.75 }),
   );
   private texture: THREE.DataTexture | null = null;
-  private readonly material = new THREE.MeshBasicMaterial({ side: THREE.DoubleSide });
+  // a little behind itself, so that its edge is a whole line
+  private readonly material = new THREE.MeshBasicMaterial({ side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 2 });
   private shape = "";
 
   constructor() {

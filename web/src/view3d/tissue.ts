@@ -12,6 +12,8 @@ interface Part {
 }
 
 export const GRID = "grid";
+/** How much of what is missing to opaque a rim gains. */
+const RIM = 0.55;
 
 export class TissueModel {
   readonly group = new THREE.Group();
@@ -51,7 +53,7 @@ export class TissueModel {
     this.colours = on;
     for (const { object, plain, info } of this.parts) {
       if (info.kind !== "surface") continue;
-      const material = object.material as THREE.MeshLambertMaterial;
+      const material = object.material as THREE.MeshPhongMaterial;
       material.vertexColors = on;
       material.color.copy(on ? new THREE.Color(0xffffff) : plain);
       material.needsUpdate = true;
@@ -111,14 +113,25 @@ export class TissueModel {
 
 function surface(geometry: THREE.BufferGeometry, info: MeshInfo): THREE.Mesh {
   geometry.computeVertexNormals();
-  const material = new THREE.MeshLambertMaterial({
+  const material = new THREE.MeshPhongMaterial({
     color: info.colour,
+    specular: 0x383838,
+    shininess: 26,
     opacity: info.opacity,
     transparent: info.opacity < 1,
     depthWrite: info.opacity >= 1,
     side: THREE.DoubleSide,
   });
+  if (info.opacity < 1) material.onBeforeCompile = thickenRim;
   return new THREE.Mesh(geometry, material);
+}
+
+/** What is seen through is thicker where it is looked at aslant: the rim tells the shape. */
+function thickenRim(shader: { fragmentShader: string }): void {
+  const rim = `float rim = 1.0 - abs(dot(normalize(normal), normalize(vViewPosition)));
+    diffuseColor.a = mix(diffuseColor.a, 1.0, ${RIM.toFixed(2)} * rim * rim);
+    #include <opaque_fragment>`;
+  shader.fragmentShader = shader.fragmentShader.replace("#include <opaque_fragment>", rim);
 }
 
 function lines(geometry: THREE.BufferGeometry, info: MeshInfo): THREE.LineSegments {

@@ -193,17 +193,17 @@ function isSoftware(): boolean {
 }
 
 function lights(): THREE.Light[] {
-  const sun = new THREE.DirectionalLight(0xffffff, 1.9);
-  const fill = new THREE.DirectionalLight(0xcfe4ff, 0.8);
+  const sun = new THREE.DirectionalLight(0xffffff, 2.4);
+  const fill = new THREE.DirectionalLight(0xcfe4ff, 0.7);
   sun.name = "sun";
   fill.name = "fill";
-  return [new THREE.HemisphereLight(0xffffff, 0x6a707a, 1.1), sun, fill];
+  return [new THREE.HemisphereLight(0xffffff, 0x4a5058, 0.8), sun, fill];
 }
 
 /** Light from above the skin and from the viewer's side. */
 function shine(stage: THREE.Scene, { right, depth, out }: SceneFrame): void {
   const up = scale(depth, -1);
   const place = (name: string, from: Vec) => stage.getObjectByName(name)?.position.set(from[0], from[1], from[2]);
-  place("sun", add(add(scale(out, -1.2), scale(up, 0.9)), scale(right, 0.5)));
+  place("sun", add(add(scale(out, -0.8), scale(up, 1.3)), scale(right, 0.8)));
   place("fill", add(add(scale(out, -0.3), scale(up, 0.2)), scale(right, -1)));
 }
