@@ -11,10 +11,10 @@ export class Curves {
   private moved = new Map<string, Map<number, readonly [number, number]>>();
   private entry = "";
 
-  /** A new place of entry starts all curves again: they could not be compared. */
-  add(model: string, { readouts, state }: FrameHeader): void {
+  /** A new place of entry starts all curves again: they could not be compared. So does a needle that was never in. */
+  add(model: string, { readouts, state, pass }: FrameHeader): void {
     const entry = `${state.needle.u} ${state.needle.v}`;
-    if (entry !== this.entry) {
+    if (entry !== this.entry || (pass.passes === 0 && readouts.depth === 0)) {
       this.entry = entry;
       this.moved.clear();
     }

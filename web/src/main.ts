@@ -29,6 +29,7 @@ import "./styles/layout.css";
 import "./styles/image.css";
 import "./styles/panels.css";
 import "./styles/tablet.css";
+import "./styles/small.css";
 import "./styles/help.css";
 import "./styles/preferences.css";
 
@@ -57,9 +58,8 @@ document.body.append(
   header.element,
   probeRail(desk),
   h("main", { class: "stage" }, image.element, readouts.element, notice.element, lost.element),
-  h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element),
+  h("div", { class: "side" }, h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element), controls),
   needleRail(desk),
-  controls,
   imageBar(desk),
   helpDialog(desk),
   hints(),

@@ -41,7 +41,6 @@ export class Session {
   readonly statusChanged = new Signal<Status>();
   readonly refused = new Signal<Refused>();
   readonly noticed = new Signal<Notice>();
-  readonly resetDone = new Signal<void>();
 
   private pending: Frame[] = [];
   private seq = 0;
@@ -117,7 +116,7 @@ export class Session {
 
   reset(): void {
     if (this.status === "frozen") this.toggleFreeze();
-    if (this.link.send({ type: "reset" })) this.resetDone.emit();
+    this.link.send({ type: "reset" });
   }
 
   restore(): void {

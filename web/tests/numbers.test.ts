@@ -86,7 +86,7 @@ describe("hands and links", () => {
 });
 
 describe("curves", () => {
-  const header = (depth: number, moved: number, u = 0) => ({ readouts: { depth, moved }, state: { needle: { u, v: 0 } } }) as unknown as FrameHeader;
+  const header = (depth: number, moved: number, u = 0) => ({ readouts: { depth, moved }, state: { needle: { u, v: 0 } }, pass: { passes: Number(depth > 0) } }) as unknown as FrameHeader;
   it("keep one for each model until the entry changes", () => {
     const curves = new Curves();
     curves.add("paper", header(10, 1));
@@ -95,6 +95,8 @@ describe("curves", () => {
     expect(curves.get("elastic")).toEqual([[5, 0.2], [10, 0.5]]);
     curves.add("elastic", header(1, 0.1, 20));
     expect(curves.models).toEqual(["elastic"]);
+    curves.add("elastic", header(0, 0, 20)); // after a reset
+    expect(curves.get("elastic")).toEqual([[0, 0]]);
   });
 
   it("have round axes", () => {

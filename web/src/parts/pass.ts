@@ -15,7 +15,11 @@ export class PassPanel {
   );
   private writtenAt = -Infinity;
 
-  constructor(private readonly session: Session) {}
+  constructor(private readonly session: Session) {
+    session.statusChanged.on((status) => {
+      if (status === "lost" || status === "loading") for (const { value } of Object.values(this.figures)) write(value, "–");
+    });
+  }
 
   tick(now: number): void {
     const { frame, status } = this.session;

@@ -36,7 +36,6 @@ export class MotionPlot {
       this.curves.clear();
       this.dirty = true;
     });
-    session.resetDone.on(() => this.curves.clear());
   }
 
   tick(now: number): void {

@@ -30,7 +30,7 @@ export function dragProbe(view: View3d, desk: Desk): void {
     return hit ? { at: hit.point, ring: hit.object.parent?.name === RING_NAME } : null;
   };
   const light = (found: Grip | null): void => {
-    canvas.style.cursor = found ? (held ? "grabbing" : "grab") : "";
+    canvas.style.cursor = found ? (found.ring ? "ew-resize" : held ? "grabbing" : "grab") : "";
     if (view.probe && lightRing(view.probe, found?.ring ?? false)) view.redraw();
   };
 
