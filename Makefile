@@ -40,7 +40,7 @@ $(PAGE): web/node_modules/.stamp $(PAGE_SOURCES)
 	touch $@
 
 tour: .venv/dev.stamp web  ## the screenshots of docs/tour.md, by the browser tests
-	SONOSPLINE_SCREENSHOTS=docs/images/tour SONOSPLINE_REQUIRE_BROWSER=1 $(BIN)/pytest tests/test_page.py -k pictures
+	SONOSPLINE_SCREENSHOTS=docs/images/tour SONOSPLINE_REQUIRE_BROWSER=1 $(BIN)/pytest tests/test_page_looks.py -k pictures
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -15,6 +15,13 @@ import pytest
 
 from sonospline.simulator.server import PAGE
 
+SIZES = {"desktop": (1440, 900), "compact": (1024, 768), "tablet": (1180, 820)}
+
+# What a page says of itself, in its own words.
+DEPTH = "Number(document.querySelector('#read-depth').dataset.value)"
+MOVED = "Number(document.querySelector('#read-moved').dataset.value)"
+STATUS = "document.body.dataset.status"
+
 REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
 PATIENCE_S = 180.0
 """Machines are shared: a page that is slow is not a page that is wrong."""
@@ -40,6 +47,8 @@ def lacking(what):
 @contextmanager
 def chromium():
     """A headless Chromium of the system's."""
+    if not REQUIRED:
+        pytest.importorskip("uvicorn")
     playwright = pytest.importorskip("playwright.sync_api") if not REQUIRED else __import__("playwright.sync_api")
     sync_playwright = getattr(playwright, "sync_api", playwright).sync_playwright
     program = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -68,10 +77,11 @@ def serving(*options):
 class Driver:
     """A page, what it requested, what it complained of, and the frames it was sent."""
 
-    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query=""):
+    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", **wanted):
         width, height = size
+        asked = {"reduced_motion": "reduce", **wanted}
         self.context = browser.new_context(
-            viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, reduced_motion="reduce"
+            viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, **asked
         )
         self.context.add_init_script(PAD)
         self.page = self.context.new_page()
@@ -172,3 +182,7 @@ class Driver:
         assert {url.split("//")[1].split("/")[0] for url in self.requests} == {own}
         assert self.complaints == [], self.complaints
         self.context.close()
+
+
+def frame_drawn(number):
+    return f"Number(document.querySelector('canvas.picture').dataset.frame) >= {number}"

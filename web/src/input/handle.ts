@@ -65,7 +65,7 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
   // a double click or double tap on the skin line: the needle goes in there next
   pane.element.addEventListener("dblclick", (event) => {
     const u = pane.skinAt(event.clientX, event.clientY);
-    if (u === null || !session.answers) return;
+    if (u === null || !session.answers || pane.handle.contains(event.target as Node)) return;
     if (!desk.switches.placing) desk.run("entry");
     session.setAxis("along", u);
   });
