@@ -77,13 +77,15 @@ def serving(*options):
 class Driver:
     """A page, what it requested, what it complained of, and the frames it was sent."""
 
-    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", **wanted):
+    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", without=None, **wanted):
         width, height = size
         asked = {"reduced_motion": "reduce", **wanted}
         self.context = browser.new_context(
             viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, **asked
         )
         self.context.add_init_script(PAD)
+        if without:
+            self.context.route(without, lambda route: route.abort())
         self.page = self.context.new_page()
         self.page.set_default_timeout(1000 * PATIENCE_S)
         self.complaints, self.requests, self.frames = [], [], []

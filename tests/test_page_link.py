@@ -1,6 +1,8 @@
 """The page when the link is lost, comes back, or is one of many."""
 
-from page_driver import STATUS, Driver, frame_drawn, serving
+import re
+
+from page_driver import DEPTH, STATUS, Driver, frame_drawn, serving
 
 pytest_plugins = ["page_fixtures"]
 
@@ -16,3 +18,82 @@ def test_a_lost_server_is_said_and_no_old_number_is_shown(browser):
     assert driver.page.evaluate("document.activeElement.textContent") == "Connect now"
     driver.picture("state-lost")
     driver.context.close()
+
+
+def test_a_server_that_comes_back_is_found_and_goes_on_where_the_hand_was(browser):
+    with serving("--scene", "gel") as address:
+        driver = Driver(browser, address, listen=True).live()
+        driver.page.keyboard.press("KeyD")
+        driver.hold("ArrowDown", f"{DEPTH} > 4")
+        driver.settled()
+        depth, slide = driver.value("depth"), driver.knob("slide")
+    driver.until(f"{STATUS} === 'lost'")
+    ages = set()
+    for _ in range(12):
+        ages.update(re.findall(r"is (\d+) s old", driver.page.locator(".lost p").inner_text()))
+        driver.page.wait_for_timeout(250)
+    assert len(ages) >= 3, "the image grows older"
+    driver.frames.clear()
+    with serving("--scene", "gel", "--port", address.rstrip("/").rsplit(":", 1)[1]):
+        driver.until(f"{STATUS} === 'live'")  # by itself
+        driver.until(f"{DEPTH} === {depth}")
+        assert driver.knob("slide") == slide
+        assert driver.page.get_by_role("alertdialog").is_hidden()
+        driver.page.keyboard.press("ArrowDown")
+        driver.until(f"{DEPTH} === {depth + 0.5}")
+        assert driver.frames[0][0]["frame"] < driver.frames[-1][0]["frame"]
+    assert all("WebSocket" in said for said in driver.complaints), driver.complaints
+    driver.context.close()
+
+
+def test_a_reload_in_the_middle_of_a_push_starts_anew(drive):
+    driver = drive()
+    driver.page.keyboard.down("ArrowDown")
+    driver.until(f"{DEPTH} > 3")
+    driver.page.reload()
+    driver.live()
+    driver.page.wait_for_timeout(600)
+    assert driver.value("depth") == 0
+    driver.page.keyboard.up("ArrowDown")
+    driver.page.keyboard.press("ArrowDown")
+    driver.until(f"{DEPTH} === 0.5")
+
+
+TABS = 8
+# How many sessions a server still has room for: sockets that are greeted rather than turned away.
+GREETED = """() => Promise.all(Array.from({length: COUNT}, () => new Promise((done) => {
+    const socket = new WebSocket(new URL("live", location.href.replace("http", "ws")));
+    socket.onmessage = () => done(socket);
+    socket.onclose = () => done(null);
+}))).then((all) => {
+    for (const socket of all) socket?.close();
+    return all.filter((socket) => socket !== null).length;
+})"""
+
+
+def test_eight_tabs_work_a_ninth_is_turned_away_and_closing_them_makes_room(browser):
+    """Frozen tabs ask nothing of the machine, and none draws in 3-D: eight at once are heavy for two cores."""
+
+    def open_tab():
+        tab = Driver(browser, address, size=(400, 300), without="**/view-*.js")
+        tab.page.locator(".image-pane").focus()
+        return tab
+
+    with serving("--scene", "cube", "--sessions", str(TABS)) as address:
+        tabs = []
+        for _ in range(TABS):
+            tabs.append(open_tab().live())
+            assert tabs[-1].drawn()[1].std() > 5
+            tabs[-1].page.keyboard.press("Space")
+            tabs[-1].until(f"{STATUS} === 'frozen'")
+        ninth = open_tab()
+        ninth.until(f"document.querySelector('.lost p').textContent.includes('{TABS} sessions are open')")
+        tabs[0].page.keyboard.press("Space")
+        tabs[0].until(frame_drawn(tabs[0].drawn()[0] + 2))
+        tabs[0].context.close()
+        ninth.live()  # by itself, now that there is room
+        for tab in [ninth, *tabs[1:]]:
+            tab.context.close()
+        last = Driver(browser, address, query="healthz")
+        assert last.evaluate(GREETED.replace("COUNT", str(TABS))) == TABS
+        last.context.close()

@@ -7,13 +7,14 @@ import type { Session } from "../session";
 const EVERY = 200;
 
 export class LostPanel {
+  private readonly title = h("span", {});
   private readonly text = h("p", {});
   private readonly now = h("button", { type: "button", class: "button primary" }, "Connect now");
   private readonly copy = h("button", { type: "button", class: "button" }, "Copy details");
   readonly element = h(
     "div",
     { class: "lost", role: "alertdialog", "aria-labelledby": "lost-title", "aria-describedby": "lost-text", hidden: true },
-    h("h2", { id: "lost-title" }, icon("lost"), "Connection lost"),
+    h("h2", { id: "lost-title" }, icon("lost"), this.title),
     this.text,
     h("div", { class: "buttons" }, this.now, this.copy),
   );
@@ -41,6 +42,7 @@ export class LostPanel {
     if (this.element.hidden || now - this.shownAt < EVERY) return;
     this.shownAt = now;
     const { loss, lastDrawnAt } = this.session;
+    write(this.title, lastDrawnAt ? "Connection lost" : "Not connected");
     const age = lastDrawnAt ? `The image is ${Math.round((now - lastDrawnAt) / 1000)} s old. Needle and probe are held where they were. ` : "";
     const reason = loss?.reason ? `The server says: ${loss.reason}. ` : "";
     const wait = loss?.nextAt ? Math.max(0, Math.ceil((loss.nextAt - now) / 1000)) : null;
