@@ -35,6 +35,8 @@ import "./styles/preferences.css";
 
 /** s: a tab that slept must not jump. */
 const LONGEST_STEP = 0.1;
+/** ms between steps without an image where a processor draws the page: the image needs it too. */
+const SLOW_PACE = 60;
 
 const link = new Connection(liveAddress(location.href));
 const session = new Session(link);
@@ -104,15 +106,22 @@ tapped(image.element, () => {
 
 const parts = [image, readouts, header, notice, lost, view, plot, pass, announcer];
 let before = performance.now();
-const loop = (now: number) => {
+const step = (now: number) => {
   pads.poll(now);
   desk.advance(Math.min(LONGEST_STEP, (now - before) / 1000));
   before = now;
   session.flush(now);
   session.draw(now);
   for (const part of parts) part.tick(now);
+};
+const loop = (now: number) => {
   requestAnimationFrame(loop);
+  if (!view.software || now - before > SLOW_PACE) step(now);
 };
 requestAnimationFrame(loop);
+// A processor draws the page, and the next image waits for this one.
+session.arrived.on(() => {
+  if (view.software) step(performance.now());
+});
 
 link.open();

@@ -93,7 +93,7 @@ export type ClientText =
   | { type: "undo_pass" }
   | { type: "reset" }
   | { type: "restore" }
-  | { type: "view"; grid: boolean };
+  | { type: "view"; grid: boolean; ahead: 0 | 1 };
 
 export interface Readouts {
   tip_to_target: number | null;

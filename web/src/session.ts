@@ -34,6 +34,8 @@ export class Session {
   readonly loading = new Signal<Loading>();
   readonly sceneReady = new Signal<Scene>();
   readonly geometry = new Signal<Geometry>();
+  /** An image is there to be drawn. */
+  readonly arrived = new Signal<void>();
   readonly drawn = new Signal<Frame>();
   readonly wished = new Signal<State>();
   readonly modelChanged = new Signal<string>();
@@ -49,14 +51,16 @@ export class Session {
   private lastSentAt = -Infinity;
   private lastHeard = 0;
   private wantsGrid = false;
+  private ahead: 0 | 1 = 1;
 
   constructor(private readonly link: Connection) {
     link.opened.on(() => this.restart());
     link.text.on((message) => this.hear(message));
     link.binary.on((message) => {
       this.lastHeard = performance.now();
-      if (message.kind === "frame") this.pending.push(message.frame);
-      else this.geometry.emit(message.geometry);
+      if (message.kind === "geometry") return this.geometry.emit(message.geometry);
+      this.pending.push(message.frame);
+      this.arrived.emit();
     });
     link.lost.on((loss) => this.lose(loss));
     link.broken.on((message) => this.noticed.emit({ type: "notice", level: "fault", message }));
@@ -125,7 +129,17 @@ export class Session {
 
   setGrid(wanted: boolean): void {
     this.wantsGrid = wanted;
-    this.link.send({ type: "view", grid: wanted });
+    this.tellView();
+  }
+
+  /** A page that needs the server's processors to draw gets the next image once it has drawn the last. */
+  drawSlowly(): void {
+    this.ahead = 0;
+    this.tellView();
+  }
+
+  private tellView(): void {
+    this.link.send({ type: "view", grid: this.wantsGrid, ahead: this.ahead });
   }
 
   connectNow(): void {
@@ -234,7 +248,7 @@ export class Session {
     this.sceneReady.emit(scene);
     this.wished.emit(this.wish);
     if (this.kept && again && model !== scene.model) this.chooseModel(model);
-    if (this.wantsGrid) this.setGrid(true);
+    this.tellView();
     this.kept = false;
     this.flush(performance.now());
   }

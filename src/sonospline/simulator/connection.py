@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-IN_FLIGHT = 2
-"""Frames sent and not yet drawn, at most."""
 MESH_HZ = 15.0
 _POLL_S = 0.005
 MOST_MESSAGES_S = 240
@@ -71,7 +69,7 @@ class Connection:
         self._seq = -1
         self._flying: deque[int] = deque()
         self._frames = self._of_older_scenes = 0
-        self._grid_wanted = False
+        self._grid_wanted, self._ahead = False, 1
         self._sent_field: object = None
         self._sent_grid = False
         self._shown: World | None = None
@@ -133,7 +131,7 @@ class Connection:
             case messages.State():
                 self._state(message)
             case messages.View():
-                self._grid_wanted = message.grid
+                self._grid_wanted, self._ahead = message.grid, message.ahead
                 self._command(lambda session: None)
             case messages.Model():
                 self._switch(message.model)
@@ -243,7 +241,7 @@ class Connection:
         )
 
     def _may_send(self) -> bool:
-        return len(self._flying) < IN_FLIGHT
+        return len(self._flying) <= self._ahead
 
     def _deliver(self, world: World, shot: Shot, stamp: Stamp) -> None:
         """Encode a frame; in the session's thread."""

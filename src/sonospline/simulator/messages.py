@@ -89,9 +89,10 @@ class Restore:
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What the 3-D view shows."""
+    """What the page shows, and how."""
 
     grid: bool = told("whether positions of the grid lines are wanted")
+    ahead: int = told("frames that may come before the last one was drawn", low=0, high=1, default=1)
 
 
 Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View

@@ -42,6 +42,7 @@ export class Marks {
   private readonly target = new Stroke("target");
   private readonly leader = new Stroke("leader");
   private readonly label = s("text", { class: "label" });
+  private labelWidth = 0;
   private readonly tag = s("rect", { class: "tag", rx: 4 });
   private readonly guides = s("g", { class: "guides" });
 
@@ -149,8 +150,7 @@ export class Marks {
 
   /** The name stands on the side where the needle does not come from, if there is room. */
   private name(now: Point, name: string, wanted: 1 | -1, paneWidth: number): void {
-    write(this.label, name);
-    const wide = this.label.textContent ? this.label.getComputedTextLength() : 0;
+    const wide = this.widthOf(name);
     const fits = (on: number) => now[0] + on * (58 + wide) > 8 && now[0] + on * (58 + wide) < paneWidth - 8;
     const side = fits(wanted) ? wanted : -wanted;
     const text: Point = [now[0] + side * 45 - (side < 0 ? wide : 0), now[1] - 29];
@@ -158,6 +158,15 @@ export class Marks {
     set(this.tag, { x: (text[0] - 5).toFixed(1), y: (text[1] - 14).toFixed(1), width: (wide + 10).toFixed(1), height: 19 });
     const start: Point = [now[0] + side * 13, now[1] - 10];
     this.leader.draw(polyline([start, [now[0] + side * 39, now[1] - 27]]));
+  }
+
+  /** Measured when the name changes: to measure is to lay the page out. */
+  private widthOf(name: string): number {
+    if (this.label.textContent !== name) {
+      write(this.label, name);
+      this.labelWidth = name ? this.label.getComputedTextLength() : 0;
+    }
+    return this.labelWidth;
   }
 }
 

@@ -12,7 +12,7 @@ export class Picture {
   private words = new Uint32Array(0);
 
   constructor() {
-    const context = this.canvas.getContext("2d", { alpha: false, desynchronized: true });
+    const context = this.canvas.getContext("2d", { alpha: false });
     if (!context) throw new Error("this browser has no 2-D canvas");
     this.context = context;
     this.canvas.className = "picture";

@@ -60,6 +60,7 @@ export class ViewPane {
       this.element.prepend(h("p", { class: "no-view" }, `The 3-D view cannot be shown: ${(error as Error).message}.`));
       return;
     }
+    if (this.view.software) this.desk.session.drawSlowly();
     this.element.prepend(this.view.canvas);
     new ResizeObserver(([entry]) => this.view?.resize(entry.contentRect.width, entry.contentRect.height)).observe(this.element);
     void this.paintScale();
@@ -70,6 +71,11 @@ export class ViewPane {
     if (this.kept) this.view.build(this.kept);
     for (const past of [this.moved, frame]) if (past) this.view.take(past);
     this.apply();
+  }
+
+  /** Whether a processor draws it, which the image needs too. */
+  get software(): boolean {
+    return this.view?.software ?? false;
   }
 
   tick(now: number): void {

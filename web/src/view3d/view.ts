@@ -8,6 +8,7 @@ import { add, scale, toWorld, turnToWorld, type Vec } from "../vec";
 import { FOV, framed, inSight, needleIn } from "./framing";
 import { ImagePlane } from "./imagePlane";
 import { boxEdges, dispose, NeedleModel, TargetModel } from "./instruments";
+import { Screen } from "./screen";
 import { TissueModel } from "./tissue";
 import { transducer } from "./transducer";
 
@@ -21,7 +22,9 @@ const SLOWEST = 250;
 /** ms without change until a view is at rest. */
 const STILL = 600;
 /** Drawn by a processor, which the image needs too. */
-const FASTEST_SOFTWARE = 80;
+const FASTEST_SOFTWARE = 160;
+const COARSE = 0.75;
+const BACKGROUND = 0x06090c;
 
 export class View3d {
   readonly canvas: HTMLCanvasElement;
@@ -29,8 +32,7 @@ export class View3d {
   readonly tissue = new TissueModel();
   readonly orbit: OrbitControls;
   probe: THREE.Group | null = null;
-  private readonly renderer: THREE.WebGLRenderer;
-  private readonly software: boolean;
+  private readonly screen = new Screen(BACKGROUND);
   private readonly stage = new THREE.Scene();
   private readonly plane = new ImagePlane();
   private readonly target = new TargetModel();
@@ -47,10 +49,7 @@ export class View3d {
   follow = false;
 
   constructor() {
-    this.software = isSoftware();
-    this.renderer = new THREE.WebGLRenderer({ antialias: !this.software && window.devicePixelRatio < 2 });
-    this.renderer.setClearColor(0x06090c);
-    this.canvas = this.renderer.domElement;
+    this.canvas = this.screen.canvas;
     this.canvas.className = "view3d";
     this.orbit = new OrbitControls(this.camera, this.canvas);
     this.orbit.enableDamping = false;
@@ -58,6 +57,10 @@ export class View3d {
     this.orbit.addEventListener("change", () => this.redraw());
     this.stage.add(this.plane.object, this.tissue.group, this.target.sprite, ...lights());
     this.plane.object.visible = false;
+  }
+
+  get software(): boolean {
+    return this.screen.software;
   }
 
   begin(scene: Scene): void {
@@ -135,7 +138,6 @@ export class View3d {
     const before = this.camera.aspect;
     this.size = { width, height };
     this.sharpen(false);
-    this.renderer.setSize(width, height, false);
     this.camera.aspect = Math.max(1, width) / Math.max(1, height);
     this.camera.updateProjectionMatrix();
     this.target.resize(height, FOV);
@@ -150,23 +152,28 @@ export class View3d {
 
   /** Once an animation frame, after the image. */
   tick(now: number): void {
+    const { screen } = this;
     if (this.size.width < 1) return;
-    const still = !this.dirty && this.software && !this.sharp && now - this.drawnAt > STILL;
+    screen.tick();
+    if (screen.busy) return;
+    const still = !this.dirty && screen.software && !this.sharp && now - this.drawnAt > STILL;
     if (still) this.sharpen(true);
     else if (!this.dirty || now < this.nextAt) return;
     else if (this.sharp) this.sharpen(false);
     const start = performance.now();
-    this.renderer.render(this.stage, this.camera);
+    screen.draw(this.stage, this.camera);
     const took = performance.now() - start;
     this.drawnAt = now;
-    this.nextAt = now + Math.min(SLOWEST, Math.max(this.software ? FASTEST_SOFTWARE : FASTEST, took / SHARE));
+    this.nextAt = now + Math.min(SLOWEST, Math.max(screen.software ? FASTEST_SOFTWARE : FASTEST, took / SHARE));
     this.dirty = false;
   }
 
-  /** Where there is no antialiasing, a view at rest is drawn once more at twice the size. */
+  /** Drawn by a processor, a view in motion is coarse, and one at rest is drawn once more at twice the size. */
   private sharpen(on: boolean): void {
+    const { width, height } = this.size;
     this.sharp = on;
-    this.renderer.setPixelRatio(on ? 2 : Math.min(window.devicePixelRatio, 2));
+    const plain = this.screen.software ? COARSE : Math.min(window.devicePixelRatio, 2);
+    this.screen.resize(width, height, on ? 2 : plain);
   }
 
   private look(at: Vec, from: Vec, up: Vec): void {
@@ -180,16 +187,6 @@ export class View3d {
     this.orbit.update();
     this.redraw();
   }
-}
-
-/** Whether WebGL runs on the processor; throws where there is none. */
-function isSoftware(): boolean {
-  const context = document.createElement("canvas").getContext("webgl2");
-  if (!context) throw new Error("this browser has no WebGL 2");
-  const info = context.getExtension("WEBGL_debug_renderer_info");
-  const name = String(context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER));
-  context.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
 function lights(): THREE.Light[] {
