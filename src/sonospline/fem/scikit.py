@@ -49,9 +49,10 @@ class ScikitFem(Engine):
         return displacement, StepTimes.between(clock, iterations)
 
     def _new_solver(self, matrices: Matrices) -> Solver:
+        points = self._system.points[self._free]
         if self._system.solver == "multigrid":
-            return Multigrid(matrices.free, _rigid_motions(self._system.points[self._free]))
-        return Factor(matrices.free) if self._system.solver == "direct" else Jacobi(matrices.free)
+            return Multigrid(matrices.free, _rigid_motions(points))
+        return Factor(matrices.free, points) if self._system.solver == "direct" else Jacobi(matrices.free)
 
 
 def _rigid_motions(points: Array) -> Array:
