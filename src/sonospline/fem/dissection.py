@@ -32,7 +32,7 @@ def nested_dissection(points: NDArray[np.float64], neighbours: Any) -> NDArray[n
     >>> from scipy.sparse import diags
     >>> from sonospline.fem.dissection import nested_dissection
     >>> line = np.arange(63.0)[:, None] * [1, 0, 0]
-    >>> nested_dissection(line, diags([1, 1], [-1, 1], shape=(63, 63), format="csr"))[-1]   # the middle comes last
+    >>> nested_dissection(line, diags([1.0, 1.0], [-1, 1], shape=(63, 63), format="csr"))[-1]   # the middle comes last
     np.int64(31)
     """
 
