@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 PIXELS = 400
 
 
-class NeedlePlane(NamedTuple):
-    """A plane that contains the needle: horizontal along it, vertical across it."""
+class PicturePlane(NamedTuple):
+    """The plane of the picture, which contains the needle: horizontal along it, vertical across it."""
 
     origin: Array
     along: Array
@@ -29,7 +29,7 @@ class NeedlePlane(NamedTuple):
     top: float
 
     @classmethod
-    def through(cls, needle: Needle, volume: Volume) -> NeedlePlane:
+    def through(cls, needle: Needle, volume: Volume) -> PicturePlane:
         """Return the plane through the needle that best follows an axis of the image."""
         axes = volume.lattice.direction.T
         along = needle.direction
@@ -70,7 +70,7 @@ def draw_insertion(before: Volume, after: Volume, displacement: Volume, needle: 
     path : Path
         File to write.
     """
-    plane = NeedlePlane.through(needle, before)
+    plane = PicturePlane.through(needle, before)
     points, shape = plane.points()
     pictures = [v.sample(points).reshape(shape) for v in (before, after, displacement)]
     grey = tuple(np.nanpercentile(pictures[0], (1, 99.5)))

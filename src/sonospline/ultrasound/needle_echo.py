@@ -33,6 +33,13 @@ _JITTER = 0.18
 SHADOW_SOFT_MM = 0.5
 _SHADOW_LINES = 1.5
 
+_COLUMNS = ("floor", "height", "width_deg", "centre_deg", "diameter_mm")
+_MEASURED: dict[str, tuple[Literal["gaussian", "lorentzian"], float, float, float, float, float]] = {
+    "trocar 18G": ("lorentzian", 1.95, 10.35, 13.2, 77.95, 1.27),
+    "steel 2 mm": ("gaussian", 1.02, 9.30, 8.38, 78.15, 2.0),
+    "steel 1 mm": ("gaussian", 0.61, 11.8, 8.65, 76.5, 1.0),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class NeedleEcho:
@@ -78,26 +85,22 @@ class NeedleEcho:
     @classmethod
     def trocar(cls) -> NeedleEcho:
         """Return an 18 G trocar, bright over a wide range of angles: the default."""
-        return cls(
-            name="trocar 18G", shape="lorentzian", floor=1.95, height=10.35, width_deg=13.2, centre_deg=77.95,
-            diameter_mm=1.27,
-        )  # fmt: skip
+        return cls._measured("trocar 18G")
 
     @classmethod
     def steel_2mm(cls) -> NeedleEcho:
         """Return a smooth steel shaft of 2 mm, which vanishes beyond 25 degrees from square."""
-        return cls(
-            name="steel 2 mm", shape="gaussian", floor=1.02, height=9.30, width_deg=8.38, centre_deg=78.15,
-            diameter_mm=2.0,
-        )  # fmt: skip
+        return cls._measured("steel 2 mm")
 
     @classmethod
     def steel_1mm(cls) -> NeedleEcho:
         """Return a smooth steel shaft of 1 mm."""
-        return cls(
-            name="steel 1 mm", shape="gaussian", floor=0.61, height=11.8, width_deg=8.65, centre_deg=76.5,
-            diameter_mm=1.0,
-        )  # fmt: skip
+        return cls._measured("steel 1 mm")
+
+    @classmethod
+    def _measured(cls, name: str) -> NeedleEcho:
+        shape, *numbers = _MEASURED[name]
+        return cls(name=name, shape=shape, **dict(zip(_COLUMNS, numbers, strict=True)))
 
     def cnr(self, beta_deg: ArrayLike) -> Array:
         """Return the fitted contrast-to-noise ratio at an angle from square to the beam."""
