@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,19 @@ def test_errors_at_the_target_are_those_of_the_last_depth(finished):
         for name, mae in by_depth.items():
             assert mae == pytest.approx(at_target[name]["mae"], rel=1e-3)
         assert at_target["mean"]["mae"] == pytest.approx(np.mean(list(by_depth.values())), rel=1e-3)
+
+
+def test_references_are_the_same_bits_however_many_are_solved_at_once(tmp_path, monkeypatch):
+    found = []
+    for workers in (1, 2):
+        monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path / f"{workers}"))
+        plan = replace(TINY, workers=workers, depths=2)
+        study._references.cache_clear()
+        found.append([study.reference_of(plan, insertion, 9).displacements for insertion in held_out_insertions()])
+    study._references.cache_clear()
+    assert len(list((tmp_path / "2").iterdir())) == len(held_out_insertions())
+    assert np.array_equal(*found)
+    assert np.abs(found[0]).max() > 0.01
 
 
 def test_a_finished_study_is_read_not_computed(finished, monkeypatch):

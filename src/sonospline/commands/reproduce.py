@@ -116,7 +116,7 @@ def _draw(plan: study.Plan, results: dict[str, Any], image: Volume, folder: Path
 
 
 def _compared(plan: study.Plan, insertion: PlannedInsertion, model: NeedleTissueModel, tissue: Tissue) -> Compared:
-    reference = study.reference_of(plan, insertion, plan.sides[0], plan.depths).last
+    reference = study.reference_of(plan, insertion, plan.sides[0]).last
     needle = reference.needle(0)
     return Compared(tissue.grid, needle, Insertion(tissue, model).advance(needle), reference.displacements[0])
 

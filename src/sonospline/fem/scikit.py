@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,10 @@ Array = NDArray[np.float64]
 
 
 class ScikitFem(Engine):
-    """Matrices and preconditioner are kept from load to load, unless the solver is "from_scratch"."""
+    """Matrices and preconditioner are kept from load to load, unless the solver is "from_scratch".
+
+    Many threads may solve at once with the hierarchy that is kept.
+    """
 
     def __init__(self, system: System) -> None:
         require("skfem")
@@ -26,15 +30,17 @@ class ScikitFem(Engine):
         self._free = np.flatnonzero(~system.pinned)
         self._matrices: Matrices | None = None
         self._solver: Solver | None = None
+        self._making = Lock()
 
     def solve(self, body_force: Array, prescribed: Array, held: Mask | None = None) -> tuple[Array, StepTimes]:
-        if self._system.solver == "from_scratch":
-            self._matrices = self._solver = None
-        clock = [time.perf_counter()]
-        matrices = self._matrices = self._matrices or assemble(self._system)
-        clock.append(time.perf_counter())
-        solver = self._solver = self._solver or self._new_solver(matrices)
-        clock.append(time.perf_counter())
+        with self._making:
+            if self._system.solver == "from_scratch":
+                self._matrices = self._solver = None
+            clock = [time.perf_counter()]
+            matrices = self._matrices = self._matrices or assemble(self._system)
+            clock.append(time.perf_counter())
+            solver = self._solver = self._solver or self._new_solver(matrices)
+            clock.append(time.perf_counter())
         given = np.broadcast_to(self._system.pinned[:, None], prescribed.shape)
         if held is not None:
             given, held = given | held, held[self._free].ravel()

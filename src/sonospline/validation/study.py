@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
 from functools import lru_cache
 from typing import Any
@@ -47,6 +48,7 @@ class Plan:
     depths: int = 10
     """Equal steps to the target at which errors are measured."""
     tuning_depths: int = 2
+    """How many of them are tuned on; a divisor of their number."""
     population: int = POPULATION
     generations: int = GENERATIONS
     scope: Scope = field(default_factory=Scope)
@@ -113,19 +115,32 @@ def run_study(plan: Plan, notebook: Notebook) -> Row:
     }
 
 
-def reference_of(plan: Plan, insertion: PlannedInsertion, side: int, steps: int) -> Reference:
-    """Return the finite element reference of an insertion into the unit cube."""
-    model = _finite_elements(side, plan.solver)
+def reference_of(plan: Plan, insertion: PlannedInsertion, side: int) -> Reference:
+    """Return the finite element reference of an insertion into the unit cube.
+
+    The first one asked for of a mesh brings along those of all insertions the mesh is used for: what the
+    mesh needs is made once, and each processor solves for an insertion of its own.
+    """
+    everyone = held_out_insertions() + (tuning_insertions() if side == plan.sides[0] else ())
+    alone = plan.solver == "direct"  # Pardiso takes all processors by itself, and one caller at a time
+    references = _references(everyone, side, plan.depths, plan.solver, 1 if alone else plan.workers)
+    return next(reference for reference in references if reference.plan.name == insertion.name)
+
+
+@lru_cache(maxsize=1)  # a mesh's references are let go with the next mesh
+def _references(
+    insertions: tuple[PlannedInsertion, ...], side: int, steps: int, solver: str, workers: int
+) -> tuple[Reference, ...]:
+    model = FiniteElementModel(Tissue(Grid.unit_cube(side)), solver=solver)
 
     def history(tissue: Tissue, entry: ArrayLike, target: ArrayLike, steps: int) -> Array:
         return history_of(model, entry, target, steps)
 
-    return Reference.solve(insertion, model.tissue, steps=steps, history=history)
+    def solve(insertion: PlannedInsertion) -> Reference:
+        return Reference.solve(insertion, model.tissue, steps=steps, history=history)
 
-
-@lru_cache(maxsize=1)  # what a mesh needs is made once for all its insertions, and let go with the next mesh
-def _finite_elements(side: int, solver: str) -> FiniteElementModel:
-    return FiniteElementModel(Tissue(Grid.unit_cube(side)), solver=solver)
+    with ThreadPoolExecutor(workers) as pool:
+        return tuple(pool.map(solve, insertions))
 
 
 def mean_rows(rows: Sequence[Row], *keys: str) -> list[Row]:
@@ -144,7 +159,10 @@ _FIGURES = (*(f.name for f in fields(Errors)), "tip_share")
 
 
 def _tune(plan: Plan) -> Row:
-    references = tuple(reference_of(plan, i, plan.sides[0], plan.tuning_depths) for i in tuning_insertions())
+    every = plan.depths // plan.tuning_depths
+    references = tuple(
+        reference_of(plan, i, plan.sides[0]).at(range(every - 1, plan.depths, every)) for i in tuning_insertions()
+    )
     front = search(
         Objective(references),
         population=plan.population,
@@ -165,7 +183,7 @@ def _at_target(plan: Plan, models: dict[str, NeedleTissueModel]) -> Row:
     """Mean errors on the tuning mesh at full depth, of both models, on tuned and on held-out insertions."""
     groups = {"tuning": tuning_insertions(), "held_out": held_out_insertions()}
     references = {
-        name: tuple(reference_of(plan, insertion, plan.sides[0], plan.depths).last for insertion in group)
+        name: tuple(reference_of(plan, insertion, plan.sides[0]).last for insertion in group)
         for name, group in groups.items()
     }
     return {
@@ -178,7 +196,7 @@ def _at_target(plan: Plan, models: dict[str, NeedleTissueModel]) -> Row:
 
 
 def _errors(plan: Plan, side: int, insertion: PlannedInsertion, models: dict[str, NeedleTissueModel]) -> list[Row]:
-    reference = reference_of(plan, insertion, side, plan.depths)
+    reference = reference_of(plan, insertion, side)
     return [
         {"side": side, "insertion": insertion.name, "model": name, "depth": depth} | asdict(errors)
         for name, model in models.items()
@@ -194,7 +212,7 @@ def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
     """The 2-D thin plate and the 3-D spline, in the needle's plane and off it."""
     rows = []
     for insertion in held_out_insertions():
-        reference = reference_of(plan, insertion, plan.sides[0], plan.depths).last
+        reference = reference_of(plan, insertion, plan.sides[0]).last
         plate = ThinPlate(reference, model).errors()
         ours = np.asarray(Insertion(reference.tissue, model).advance(reference.needle(0)).on_grid("direct"))
         for name, errors in (
@@ -210,7 +228,7 @@ def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
 
 
 def _readings(plan: Plan) -> list[Row]:
-    references = [reference_of(plan, i, plan.sides[0], plan.depths).last for i in tuning_insertions()]
+    references = [reference_of(plan, i, plan.sides[0]).last for i in tuning_insertions()]
     return [reading.row() for reading in compare_readings(references)]
 
 
