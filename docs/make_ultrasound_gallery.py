@@ -133,7 +133,7 @@ def liver(data: Path) -> None:
     extent = (0, real.shape[1] * spacing[1], real.shape[0] * spacing[2], 0)
     for panel, grey, title in zip(panels, (real, synthetic), ("real liver", "synthetic liver"), strict=False):
         local = gaussian_filter(grey, size)
-        flat = (grey / np.maximum(local, 1e-3))[130:380, 8:-8]  # the middle: neither saturated nor cut to black
+        flat = (grey / np.maximum(local, 1e-3))[130:380, 8:-8]  # the middle: not saturated, and seldom cut to black
         panel.imshow(grey / np.maximum(local, 0.05 * local.max()), cmap="gray", vmin=0, vmax=2.2, extent=extent)
         panel.set(title=f"{title}, over its local mean", xlabel="mm", ylabel="mm")
         skew = float(np.mean((flat - flat.mean()) ** 3) / flat.std() ** 3)
@@ -143,7 +143,7 @@ def liver(data: Path) -> None:
         )
         panels[2].hist(flat.ravel(), bins=80, range=(0, 3), density=True, histtype="step", label=label)
         print(label)
-    panels[2].set(title="grey over local mean", xlabel="ratio")
+    panels[2].set(title="grey over local mean", xlabel="ratio", ylim=(0, 1.05))  # room for the legend
     panels[2].legend(fontsize=6)
     figure.savefig(IMAGES / "ultrasound_liver.png", dpi=85)
 
