@@ -37,8 +37,8 @@ _LIVE_NODES = 25**3
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "SONOSPLINE_THREADS"), "1")
 _TURNS = 3
 """So many of the last steps are timed; one before them makes what is kept."""
-_LARGE = 50_000
-"""Nodes beyond which a step from scratch, tens of seconds, is timed once."""
+_LARGE = 20_000
+"""Nodes beyond which a step from scratch, hundreds of iterations over seconds, is timed once."""
 _TOLERANCE = 1e-8
 """Of conjugate gradients."""
 
