@@ -77,7 +77,9 @@ def serving(*options):
 class Driver:
     """A page, what it requested, what it complained of, and the frames it was sent."""
 
-    def __init__(self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", without=None, **wanted):
+    def __init__(
+        self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", without=None, **wanted
+    ):
         width, height = size
         asked = {"reduced_motion": "reduce", **wanted}
         self.context = browser.new_context(

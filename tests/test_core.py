@@ -203,9 +203,14 @@ def test_environment_chooses_instruction_set_and_threads():
 
 
 def test_unknown_backend_is_refused_by_name_with_the_choices():
-    failed = run_python("import sonospline", SONOSPLINE_BACKEND="gpu")
+    refusal = "SONOSPLINE_BACKEND='gpu' is not known; use 'core' or 'numpy'"
+    failed = run_python("from sonospline import Field", SONOSPLINE_BACKEND="gpu")
     assert failed.returncode != 0
-    assert "SONOSPLINE_BACKEND='gpu' is not known; use 'core' or 'numpy'" in failed.stderr
+    assert refusal in failed.stderr
+    failed = run_python(
+        "import sys; from sonospline.cli import main; sys.exit(main(['doctor']))", SONOSPLINE_BACKEND="gpu"
+    )
+    assert (failed.returncode, failed.stderr) == (1, f"sonospline: {refusal}\n")
 
 
 def test_demanding_a_core_that_is_not_built_is_refused(monkeypatch):

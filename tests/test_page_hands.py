@@ -191,7 +191,12 @@ def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
     focus = driver.knob("focus")
     drag(driver, middle(driver, ".ruler .caret .grab"), (0, 60))
     assert driver.knob("focus") > focus
-    for axis, name in (("gain", "More gain"), ("frequency", "Higher frequency"), ("fan", "Fan away"), ("swing", "Swing away")):
+    for axis, name in (
+        ("gain", "More gain"),
+        ("frequency", "Higher frequency"),
+        ("fan", "Fan away"),
+        ("swing", "Swing away"),
+    ):
         before = driver.knob(axis)
         page.get_by_role("button", name=name, exact=True).first.click()
         assert driver.knob(axis) > before

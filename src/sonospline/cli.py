@@ -27,7 +27,11 @@ _NEGATIVE = re.compile(r"-[\d.]")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return the exit code."""
     arguments = _join_negative_points(list(sys.argv[1:] if argv is None else argv))
-    verbs = {name: import_module(f".commands.{name}", __package__) for name in _needed(arguments)}
+    try:
+        verbs = {name: import_module(f".commands.{name}", __package__) for name in _needed(arguments)}
+    except ImportError as error:  # the environment asks for a core that is not there
+        print(f"sonospline: {error}", file=sys.stderr)  # noqa: T201
+        return 1
     args = _parser(verbs).parse_args(arguments)
     verb = verbs[args.verb]
     logging.basicConfig(level=logging.WARNING, format="sonospline: %(message)s", stream=sys.stderr)
