@@ -119,9 +119,9 @@ const loop = (now: number) => {
   if (!view.software || now - before > SLOW_PACE) step(now);
 };
 requestAnimationFrame(loop);
-// A processor draws the page, and the next image waits for this one.
+// Where a processor draws the page, the next image waits for this one; a page nobody sees asks for none.
 session.arrived.on(() => {
-  if (view.software) step(performance.now());
+  if (view.software && !document.hidden) step(performance.now());
 });
 
 link.open();
