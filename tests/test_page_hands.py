@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from page_driver import DEPTH, MOVED, SIZES, STATUS
+from page_driver import DEPTH, SIZES, STATUS
 
 pytest_plugins = ["page_fixtures"]
 
@@ -191,12 +191,8 @@ def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
     focus = driver.knob("focus")
     drag(driver, middle(driver, ".ruler .caret .grab"), (0, 60))
     assert driver.knob("focus") > focus
-    for axis, name in (
-        ("gain", "More gain"),
-        ("frequency", "Higher frequency"),
-        ("fan", "Fan away"),
-        ("swing", "Swing away"),
-    ):
+    ups = {"gain": "More gain", "frequency": "Higher frequency", "fan": "Fan away", "swing": "Swing away"}
+    for axis, name in ups.items():
         before = driver.knob(axis)
         page.get_by_role("button", name=name, exact=True).first.click()
         assert driver.knob(axis) > before
@@ -249,7 +245,8 @@ def test_every_button_of_a_gamepad(drive):
         page.wait_for_timeout(60)
 
     def knob(axis, test):
-        return f"(() => {{ const v = Number(document.querySelector('[data-axis={axis}]').dataset.value); return {test}; }})()"
+        value = f"Number(document.querySelector('[data-axis={axis}]').dataset.value)"
+        return f"((v) => {test})({value})"
 
     depth, angle = driver.knob("depth"), driver.knob("angle")
     press(5, knob("rotate", "v >= 1"))

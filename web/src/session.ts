@@ -12,6 +12,8 @@ export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
 /** ms without a sign of life before the image counts as lost, and before the socket is given up. */
 const SILENT = 3000;
 const DEAD = 10000;
+/** ms between two looks at the clock that mean the page stood still. */
+const HELD_UP = 500;
 /** At most this many ms apart: the server takes 240 messages a second. */
 const PACE = 8;
 /** How long a reset can be taken back, ms. */
@@ -50,6 +52,7 @@ export class Session {
   private lastSent: State | null = null;
   private lastSentAt = -Infinity;
   private lastHeard = 0;
+  private watchedAt = 0;
   private wantsGrid = false;
   private ahead: 0 | 1 = 1;
 
@@ -282,6 +285,9 @@ export class Session {
   }
 
   private watch(now: number): void {
+    // a page that was held up itself has not read what came meanwhile
+    if (now - this.watchedAt > HELD_UP) this.lastHeard += now - this.watchedAt;
+    this.watchedAt = now;
     if (document.hidden || this.status !== "live") {
       if (document.hidden) this.lastHeard = now;
       if (this.status !== "lost" || !this.link.isOpen) return;
