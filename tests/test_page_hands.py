@@ -233,6 +233,7 @@ def test_a_finger_taps_twice_to_pull_out_and_to_choose_an_entry(drive):
     assert page.locator(".pace:visible .value").inner_text() == "Fast"
 
 
+@pytest.mark.slow
 def test_every_button_of_a_gamepad(drive):
     driver = drive()
     page = driver.page

@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 from page_driver import DEPTH, STATUS, Driver, frame_drawn, serving
 
 pytest_plugins = ["page_fixtures"]
@@ -16,10 +18,10 @@ def test_a_lost_server_is_said_and_no_old_number_is_shown(browser):
     assert "Trying again" in panel.inner_text()
     assert driver.page.locator("#read-depth").inner_text() == "–"
     assert driver.page.evaluate("document.activeElement.textContent") == "Connect now"
-    driver.picture("state-lost")
     driver.context.close()
 
 
+@pytest.mark.slow
 def test_a_server_that_comes_back_is_found_and_goes_on_where_the_hand_was(browser):
     with serving("--scene", "gel") as address:
         driver = Driver(browser, address, listen=True).live()
@@ -71,6 +73,7 @@ GREETED = """() => Promise.all(Array.from({length: COUNT}, () => new Promise((do
 })"""
 
 
+@pytest.mark.slow
 def test_eight_tabs_work_a_ninth_is_turned_away_and_closing_them_makes_room(browser):
     """Frozen tabs ask nothing of the machine, and none draws in 3-D: eight at once are heavy for two cores."""
 

@@ -93,7 +93,6 @@ def test_with_forced_colours_the_marks_are_the_systems_and_the_image_stays_black
     assert (
         colour(".segments .lit", "backgroundColor") == colour(".dock .push", "backgroundColor") == system("Highlight")
     )
-    driver.picture("forced-colours")
 
 
 def test_more_contrast_and_less_motion_are_heard(drive):
@@ -107,6 +106,7 @@ def test_more_contrast_and_less_motion_are_heard(drive):
     assert "0.08s" in moving.page.evaluate("getComputedStyle(document.querySelector('.button')).transitionDuration")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["desktop", "tablet"])
 def test_a_left_hand_has_the_needle_on_its_side(drive, layout):
     driver = drive(size=SIZES[layout], touch=layout == "tablet")
