@@ -96,6 +96,19 @@ def test_the_core_and_its_twin_find_the_same_interfaces(spacing, monkeypatch):
     np.testing.assert_allclose(found["native"], found["twin"], atol=1e-4)
 
 
+def test_a_look_does_not_depend_on_the_looks_before_it(phantom):
+    """Interfaces are found where a probe looks; one that saw all of the scene before sees the same."""
+
+    def look(scene, across):
+        pose = facing((58, 50 + across, 8), depth=(0, 0, 1), right=(1, 0, 0))
+        return Ultrasound(scene, Probe.curvilinear(lines=64, samples=1024), pose).render().iq
+
+    fresh, prepared = (Scene(phantom.scene.labels, phantom.scene.tissues) for _ in range(2))
+    prepared.prepare()
+    for across in (0, 30, -10):
+        np.testing.assert_array_equal(look(fresh, across), look(prepared, across))
+
+
 # --- the phantom ---
 
 

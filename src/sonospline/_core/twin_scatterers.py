@@ -94,6 +94,10 @@ class EchoScene:
         """Return points (m, 3) in the scene's lattice frame, normals (m, 3), reflection (m,), area (m,) in mm^2."""
         return self._interfaces
 
+    def prepare(self) -> None:
+        """Find all interfaces before a view asks for them."""
+        self.interfaces()
+
     @cached_property
     def _interfaces(self) -> tuple[Floats, Floats, Floats, Floats]:
         found = find_interfaces(self.labels, self.spacing, self.impedance, *self.numbers[:4])

@@ -96,8 +96,10 @@ class Library:
         return future
 
     def geometry(self, world: World) -> Future[bytes]:
-        """Return the message with a scene's meshes, once they are made."""
-        return self._maker.submit(wire.geometry, world)
+        """Return the message with a scene's meshes, once they are made; then make the rest of the scene."""
+        made = self._maker.submit(wire.geometry, world)
+        self._maker.submit(world.prepare)
+        return made
 
     def tidy(self) -> None:
         """Give back the memory of sessions that ended, in the thread that makes scenes."""

@@ -63,6 +63,8 @@ class World:
     limits: Limits
     draw: Callable[[], tuple[Mesh, ...]]
     """Makes :attr:`meshes`."""
+    prepare: Callable[[], None]
+    """Makes what the first picture did not need and others will; from any thread."""
 
     @classmethod
     def make(cls, spec: SceneFile, *, folder: Path | None = None, progress: Progress | None = None) -> World:
@@ -117,7 +119,8 @@ class _Matter:
     tissues: TissueMap | None = None
     labels: Volume | None = None
     names: Mapping[int, str] | None = None
-    synthetic: bool = True
+    scene: Scene | None = None
+    """What a synthetic picture is of."""
 
 
 class _Maker:
@@ -136,7 +139,7 @@ class _Maker:
         probe = _probe(spec)
         targets = {part.name: np.array(part.at) for part in spec.targets} or dict(matter.targets)
         tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
-        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.synthetic)
+        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.scene is not None)
         start = _start(spec, probe, edge=limits.needle["u"][1])
         limits.check(start)
         self.progress(0.9)
@@ -144,6 +147,7 @@ class _Maker:
             spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
             targets=targets, start=start, limits=limits,
             draw=partial(_meshes, spec, matter, frame),
+            prepare=_nothing if matter.scene is None else matter.scene.prepare,
         )  # fmt: skip
 
     def _phantom(self) -> _Matter:
@@ -155,7 +159,7 @@ class _Maker:
         tissues = None if made.homogeneous else TissueMap.named(coarse, made.names, self._materials())
         return _Matter(
             grid=grid, see=self._synthetic(made.scene), targets=made.targets, tissues=tissues,
-            labels=None if made.homogeneous else coarse, names=made.names,
+            labels=None if made.homogeneous else coarse, names=made.names, scene=made.scene,
         )  # fmt: skip
 
     def _labels(self) -> _Matter:
@@ -174,7 +178,13 @@ class _Maker:
         grid = self._box(labels)
         tissues = TissueMap.named(labels, names, self._materials())
         return _Matter(
-            grid=grid, see=self._synthetic(scene), targets=_middle(grid), tissues=tissues, labels=labels, names=names
+            grid=grid,
+            see=self._synthetic(scene),
+            targets=_middle(grid),
+            tissues=tissues,
+            labels=labels,
+            names=names,
+            scene=scene,
         )
 
     def _volume(self) -> _Matter:
@@ -188,7 +198,7 @@ class _Maker:
         grid = self._box(volume)
         return _Matter(
             grid=grid, see=lambda probe, pose: ReslicedImager(reslicer, grey, probe, pose, diameter),
-            targets=_middle(grid), synthetic=False,
+            targets=_middle(grid),
         )  # fmt: skip
 
     def _synthetic(self, scene: Scene) -> Callable[[Probe, Array], Imager]:
@@ -221,6 +231,10 @@ class _Maker:
                 raise ValueError(f"tissue.low = {part.low} and high = {part.high} leave no box inside the image")
         origin = lattice.world(low[None])[0]
         return Grid.covering(high - low, nodes=part.nodes, origin=origin, direction=lattice.direction)
+
+
+def _nothing() -> None:
+    pass
 
 
 def _meshes(spec: SceneFile, matter: _Matter, frame: SkinFrame) -> tuple[Mesh, ...]:

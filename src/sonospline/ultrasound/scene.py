@@ -106,6 +106,10 @@ class Scene:
         world, turned = lattice.world(points), normals @ lattice.direction.T
         return Interfaces(world.astype(np.float32), turned.astype(np.float32), reflection, area)
 
+    def prepare(self) -> None:
+        """Find the interfaces that no probe has looked at yet, from any thread: looks elsewhere are then faster."""
+        self.echoes.prepare()
+
     @property
     def echoes(self) -> Any:
         """The core's part of the scene, which chooses scatterers; made once for each backend."""

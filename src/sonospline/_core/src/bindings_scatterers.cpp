@@ -60,6 +60,8 @@ class EchoScene {
         return std::tuple(place, normal, reflection, area);
     }
 
+    void prepare() { scene_.prepare(); }
+
     auto choose(const std::array<double, sono::kViewNumbers> &probe, Affine34 to_image, Affine34 to_cell,
                 Affine34 cell_to_image, const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
                 Array<double, nb::shape<-1>> power, std::uint64_t seed) {
@@ -124,6 +126,7 @@ void bind_scatterers(nb::module_ &m) {
              "labels"_a, "spacing"_a, "impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
         .def("interfaces", &EchoScene::interfaces)
+        .def("prepare", &EchoScene::prepare, nb::call_guard<nb::gil_scoped_release>())
         .def("choose", &EchoScene::choose, "probe"_a, "to_image"_a, "to_cell"_a, "cell_to_image"_a, "shape"_a,
              "spacing"_a, "power"_a, "seed"_a);
 }

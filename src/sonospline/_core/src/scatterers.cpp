@@ -13,6 +13,7 @@ namespace sono {
 namespace {
 
 constexpr std::ptrdiff_t kRowsPerUnit = 8;   // of bricks
+constexpr std::size_t kRegionsAtOnce = 8;    // that are found while no view waits
 constexpr int kBrickBits = 6;                // of a hash that pick a pattern
 constexpr double kNeperPerDb = 0.11512925464970229;  // of amplitude
 
@@ -117,6 +118,14 @@ std::vector<const InterfaceBlock *> EchoScene::interfaces() {
     std::vector<std::size_t> all(interfaces_.regions());
     std::iota(all.begin(), all.end(), std::size_t{0});
     return interfaces_.blocks(all);
+}
+
+void EchoScene::prepare() {
+    for (std::size_t region = 0; region < interfaces_.regions(); region += kRegionsAtOnce) {
+        std::vector<std::size_t> some(std::min(kRegionsAtOnce, interfaces_.regions() - region));
+        std::iota(some.begin(), some.end(), region);
+        interfaces_.blocks(some);
+    }
 }
 
 // Those that a view may hear.

@@ -100,6 +100,8 @@ class EchoScene {
     EchoScene(const EchoTables &, const InterfaceNumbers &, double no_echo);
     /// All of them.
     std::vector<const InterfaceBlock *> interfaces();
+    /// Finds those that no view has asked for yet; other threads' views wait no longer than for a few regions.
+    void prepare();
     Choice choose(const View &);
     /// Keeps the memory of a choice for the next one: fresh pages cost as much as the work
     void reuse(Choice &&);
