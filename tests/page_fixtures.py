@@ -5,19 +5,19 @@ import pytest
 from page_driver import Driver, chromium, serving
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
     with chromium() as browser:
         yield browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def kidney(browser):
     with serving() as address:
         yield address
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def gel(browser):
     with serving("--scene", "gel") as address:
         yield address
