@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +40,9 @@ def filter_matrix(nodes: int) -> Array:
 
 def weights(nodes: int, position: float) -> Array:
     """Return the weights (nodes,) of the values at nodes in the value at one position, in spacings."""
-    cell, of_coefficients = _bumps(nodes, np.array([position]))
-    return of_coefficients[0] @ filter_matrix(nodes)[cell[0] : cell[0] + 4]
+    place = min(max(position, 0.0), nodes - 1.0)
+    cell = min(int(place), nodes - 2)
+    return np.array(_bumps(place - cell)) @ filter_matrix(nodes)[cell : cell + 4]
 
 
 def sum_matrix(nodes: int, positions: Array) -> Array:
@@ -48,19 +50,16 @@ def sum_matrix(nodes: int, positions: Array) -> Array:
 
     Beyond the nodes the spline keeps its end values.
     """
-    cell, of_coefficients = _bumps(nodes, positions)
-    matrix = np.zeros((len(cell), nodes + 2))
-    np.put_along_axis(matrix, cell[:, None] + np.arange(4), of_coefficients, axis=1)
+    place = np.clip(positions, 0, nodes - 1)
+    cell = np.minimum(place.astype(int), nodes - 2)
+    matrix = np.zeros((len(place), nodes + 2))
+    np.put_along_axis(matrix, cell[:, None] + np.arange(4), np.stack(_bumps(place - cell), axis=1), axis=1)
     return matrix
 
 
-def _bumps(nodes: int, positions: Array) -> tuple[NDArray[np.int64], Array]:
-    """The first of the four coefficients that count at each position, and their weights (m, 4)."""
-    place = np.clip(positions, 0, nodes - 1)
-    cell = np.minimum(place.astype(int), nodes - 2)
-    t = place - cell
-    of_coefficients = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
-    return cell, np.stack(of_coefficients, axis=1) / 6
+def _bumps(t: Any) -> list[Any]:
+    """Weights of the four coefficients around a place at share t of its cell."""
+    return [(1 - t) ** 3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6, t**3 / 6]
 
 
 @lru_cache(maxsize=64)

@@ -127,6 +127,11 @@ class Grid:
         return float(self.extent.min())
 
     @cached_property
+    def upright(self) -> bool:
+        """Whether the lattice axes are those of the world."""
+        return bool(np.array_equal(self.direction, np.eye(3)))
+
+    @cached_property
     def points(self) -> Array:
         """(N, 3) world positions of the nodes, z fastest."""
         _memory.refuse_beyond(100 * self.node_count, f"grid = {self.shape}: the positions of its nodes")

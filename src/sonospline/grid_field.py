@@ -134,8 +134,7 @@ class GridField(Field):
     @cached_property
     def along_axes(self) -> NDArray[np.float32]:
         """The values along the lattice axes, as the core takes them."""
-        axes = self._nodes.direction
-        along = self.values if np.array_equal(axes, np.eye(3)) else self.values @ axes
+        along = self.values if self._nodes.upright else self.values @ self._nodes.direction
         return np.ascontiguousarray(along, dtype=np.float32)
 
     @cached_property

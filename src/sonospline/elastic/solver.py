@@ -128,7 +128,6 @@ class ElasticSolver:
         _memory.refuse_beyond(_BYTES_A_NODE * self.grid.node_count, f"nodes = {nodes}: the elastic solver")
         self.moduli = self._moduli()
         self._multigrid = self._make_multigrid()
-        self._turned = not np.array_equal(self.grid.direction, np.eye(3))
         self._pinned = self.grid.on_faces(tissue.pinned_faces)
         zero = np.zeros((3, *self.grid.shape), np.float32)
         zero.setflags(write=False)
@@ -225,7 +224,7 @@ class ElasticSolver:
     def field(self, state: ElasticState) -> GridField:
         """Return the state as a field: cubic between the solver's nodes, on the display grid."""
         values = state.displacement.transpose(1, 2, 3, 0)
-        if self._turned:
+        if not self.grid.upright:
             values = values @ self.grid.direction.T.astype(np.float32)
         return GridField(self.tissue.grid, values, lattice=self.grid, order=3, error_estimate=state.error)
 
