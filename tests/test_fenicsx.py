@@ -48,6 +48,7 @@ def both(tissue, load, needle, **options):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integration", ["full", "mean_dilatation"])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_a_linear_displacement_is_reproduced(element, integration, a_tilted_grid):
@@ -56,6 +57,7 @@ def test_a_linear_displacement_is_reproduced(element, integration, a_tilted_grid
         assert patch_error(FEniCSx, grid, element=element, integration=integration, solver=solver) < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_a_smooth_displacement_is_approached_at_second_order(element):
     coarse, fine = (manufactured_error(FEniCSx, nodes, element=element, solver="multigrid") for nodes in (9, 17))
@@ -101,6 +103,7 @@ def test_the_live_solver_converges_to_its_field_on_a_finer_grid(name):
     assert away_from_reference(scene(name), 17, engine="fenicsx", solver="direct") < 3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_it_agrees_where_the_shaft_is_held(unit_tissue, an_oblique_needle, element):
     load = ShaftDisplacement(radius=0.06)
@@ -117,6 +120,7 @@ def test_it_agrees_on_a_turned_anisotropic_grid_of_nearly_incompressible_tissue(
     assert largest_difference(*both(tissue, load, needle, **options)) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_history_needs_one_worker_and_is_kept_apart(unit_tissue, tmp_path, monkeypatch):
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
     pytest.importorskip("skfem", reason="needs the extra 'fem'")

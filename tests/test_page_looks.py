@@ -16,7 +16,14 @@ CLIPPED = """() => {
 }"""
 
 
-@pytest.mark.parametrize(("layout", "deep"), [("desktop", 68), ("compact", 76), ("tablet", 88)])
+LAYOUTS = [
+    ("desktop", 68),
+    pytest.param("compact", 76, marks=pytest.mark.slow),
+    pytest.param("tablet", 88, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("layout", "deep"), LAYOUTS)
 def test_pictures_of_all_layouts_show_every_word(drive, layout, deep):
     driver = drive("kidney", size=SIZES[layout], touch=layout == "tablet")
     page = driver.page

@@ -59,6 +59,7 @@ def test_the_verb_prints_its_address_and_ends_on_control_c(tmp_path):
     assert json.loads(out)["scene"] == "small"
 
 
+@pytest.mark.slow
 def test_the_live_benchmark_measures_and_judges(tmp_path, capsys):
     scene = tmp_path / "small.toml"
     scene.write_text(SMALL_PAPER.replace("length_mm = 80.0", "length_mm = 120.0"))
