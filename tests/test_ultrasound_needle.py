@@ -38,7 +38,7 @@ def at_angle(beta_deg, offset_mm=0.0, half_length=7.0):
 @pytest.mark.parametrize(
     ("model", "name", "least"),
     [(NeedleEcho.steel_2mm(), "Steel_2mm", 0.985), (NeedleEcho.steel_1mm(), "Steel_1mm", 0.985),
-     (NeedleEcho.trocar(), "Trocar_18G", 0.94)],
+     (NeedleEcho.trocar(), "Trocar_18G", 0.94), (NeedleEcho.echogenic_2mm(), "Steel_2cut_2mm", 0.9)],
 )  # fmt: skip
 def test_the_fits_are_those_of_the_measurements(shared_data, model, name, least):
     angle, cnr = measured(shared_data, name)

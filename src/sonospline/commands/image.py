@@ -26,7 +26,7 @@ from ..ultrasound.acoustics import read_table
 from ..ultrasound.cine import write_gif, write_sequence
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
-from ..ultrasound.needle_echo import NeedleEcho
+from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import read_organ_names, scene_from_organs
 from ..ultrasound.plane import ImagePlane
 from ..ultrasound.pose import facing
@@ -51,7 +51,6 @@ EXAMPLES = """examples:
   sonospline image --volume us.mha --entry 10,20,30 --target 40,20,30 --cine 20 --out out
 """
 PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": Probe.phased}
-NEEDLES = {"trocar": NeedleEcho.trocar, "steel-2mm": NeedleEcho.steel_2mm, "steel-1mm": NeedleEcho.steel_1mm}
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     needle = parser.add_argument_group("needle")
     needle.add_argument("--entry", metavar="X,Y,Z", help="where it enters the tissue")
     needle.add_argument("--target", metavar="X,Y,Z", help="where its tip ends")
-    needle.add_argument("--needle", default="trocar", choices=tuple(NEEDLES), help="how it looks (trocar)")
+    needle.add_argument("--needle", default="trocar", choices=tuple(LOOKS), help="how it looks (trocar)")
     needle.add_argument("--nodes", type=int, default=150_000, metavar="N", help="grid nodes, about (150000)")
     out = parser.add_argument_group("what comes out")
     out.add_argument("--cine", type=int, default=0, metavar="N", help="also N frames of the insertion (.igs.mha, .gif)")
@@ -168,7 +167,7 @@ def _rendered(args: argparse.Namespace) -> Sight:
         look, right = _direction(args, "look", "0,0,1"), _direction(args, "right", "1,0,0")
         pose = facing(_points.parse("origin", args.origin), depth=look, right=right)
     display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range)
-    scanner = Ultrasound(scene, probe, pose, display=display, needle_echo=NEEDLES[args.needle](), seed=args.seed)
+    scanner = Ultrasound(scene, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
     return Sight(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
 
 

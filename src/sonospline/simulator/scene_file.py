@@ -51,7 +51,7 @@ class ModelPart:
 class NeedlePart:
     """The needle and where it starts."""
 
-    look: Literal["trocar", "steel-2mm", "steel-1mm"] = told("how it looks", default="trocar")
+    look: Literal["trocar", "echogenic-2mm", "steel-2mm", "steel-1mm"] = told("how it looks", default="trocar")
     length_mm: float = told("length from hub to tip", low=10.0, high=400.0, default=150.0)
     u: float | None = told("entry to the right of the probe's place, mm; half way to the edge by default", low=-500.0,
                            high=500.0, default=None)  # fmt: skip

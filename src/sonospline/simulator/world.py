@@ -18,7 +18,7 @@ from ..grid import Grid
 from ..grid_field import GridField
 from ..io.volumes import read_volume
 from ..tissue import Tissue
-from ..ultrasound.needle_echo import NeedleEcho
+from ..ultrasound.needle_echo import LOOKS, NeedleEcho
 from ..ultrasound.organs import scene_from_organs
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
@@ -38,7 +38,6 @@ Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 _PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": Probe.phased}
-_ECHOES = {"trocar": NeedleEcho.trocar, "steel-2mm": NeedleEcho.steel_2mm, "steel-1mm": NeedleEcho.steel_1mm}
 _MECHANICAL_VOXEL_MM = 2.0
 _OWN_SURFACES = 8
 _NETS = 2000
@@ -84,7 +83,7 @@ class World:
     @property
     def needle_diameter_mm(self) -> float:
         """Of its shaft."""
-        return _ECHOES[self.spec.needle.look]().diameter_mm
+        return LOOKS[self.spec.needle.look]().diameter_mm
 
     def deformed(self, field: GridField, *, grid: bool) -> NDArray[np.float32]:
         """Return where a field takes the vertices of all meshes, with or without the grid lines, (m, 3)."""
@@ -208,7 +207,7 @@ class _Maker:
         return lambda probe, pose: SyntheticImager.of(scene, probe, pose, display=display, echo=echo)
 
     def _echo(self) -> NeedleEcho:
-        return _ECHOES[self.spec.needle.look]()
+        return LOOKS[self.spec.needle.look]()
 
     def _materials(self) -> MaterialTable:
         own = self._file("materials")

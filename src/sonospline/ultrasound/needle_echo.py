@@ -38,6 +38,7 @@ _MEASURED: dict[str, tuple[Literal["gaussian", "lorentzian"], float, float, floa
     "trocar 18G": ("lorentzian", 1.95, 10.35, 13.2, 77.95, 1.27),
     "steel 2 mm": ("gaussian", 1.02, 9.30, 8.38, 78.15, 2.0),
     "steel 1 mm": ("gaussian", 0.61, 11.8, 8.65, 76.5, 1.0),
+    "echogenic 2 mm": ("gaussian", 0.0, 9.30, 73.4, 82.2, 2.0),
 }
 
 
@@ -96,6 +97,11 @@ class NeedleEcho:
     def steel_1mm(cls) -> NeedleEcho:
         """Return a smooth steel shaft of 1 mm."""
         return cls._measured("steel 1 mm")
+
+    @classmethod
+    def echogenic_2mm(cls) -> NeedleEcho:
+        """Return a steel shaft of 2 mm with two cuts around it, which send the beam back from nearly every angle."""
+        return cls._measured("echogenic 2 mm")
 
     @classmethod
     def _measured(cls, name: str) -> NeedleEcho:
@@ -206,3 +212,10 @@ def _jitter(count: int, step_mm: float, seed: int) -> Array:
     width = max(1.0, 1.5 / step_mm)
     noise = gaussian_filter1d(np.random.default_rng(seed).standard_normal(count + int(8 * width)), width)[:count]
     return np.exp(_JITTER * noise / max(float(noise.std()), 1e-9))
+
+
+LOOKS = {
+    "trocar": NeedleEcho.trocar, "echogenic-2mm": NeedleEcho.echogenic_2mm, "steel-2mm": NeedleEcho.steel_2mm,
+    "steel-1mm": NeedleEcho.steel_1mm,
+}  # fmt: skip
+"""Needles by the names that scene files and the command line give them."""
