@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from .rhythm import Rhythm
 from .wish import Wish
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ RATE_HZ = 90.0
 IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
 _FAULTS_APART_S = 1.0
+_FRESH_S = 0.003
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ class Runner:
         self._period = 1 / rate_hz
         self._queue: deque[_Asked | Command] = deque()
         self._changed = threading.Condition()
+        self._rhythm = Rhythm()
         self._closed = False
         self._seq = 0
         self._restless = True
@@ -109,6 +112,7 @@ class Runner:
         """Wish for something; an older wish that was not yet looked at is forgotten."""
         asked = _Asked(wish, seq, time.perf_counter() if since is None else since)
         with self._changed:
+            self._rhythm.beat(asked.since)
             if self._queue and isinstance(self._queue[-1], _Asked):
                 self._queue.pop()
             self._queue.append(asked)
@@ -175,10 +179,17 @@ class Runner:
                 frozen = self.session.wish.frozen and self.session.last is not None
                 due = begun + (self._period if busy else 1 / IDLE_HZ)
                 may = self._ready() and (busy or not frozen)
+                if may and busy:
+                    due = max(due, self._next_wish(now))
                 if may and now >= due:
                     return True
                 self._changed.wait(due - now if may else None)
             return False
+
+    def _next_wish(self, now: float) -> float:
+        """When to stop waiting for a wish that will take the place of the only one there is; else long ago."""
+        stale = len(self._queue) == 1 and isinstance(self._queue[0], _Asked) and self._queue[0].since < now - _FRESH_S
+        return (self._rhythm.worth_waiting_until(now) if stale else None) or -1.0
 
     def _obey(self) -> _Asked | None:
         """Do what was asked up to the next wish, and return that."""
