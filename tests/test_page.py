@@ -63,9 +63,10 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
 
 def test_freeze_holds_image_needle_and_probe(drive):
     driver = drive()
+    driver.until("document.querySelector('canvas.view3d') !== null")  # it asks for a frame when it comes
     driver.page.keyboard.press("Space")
     driver.until(f"{STATUS} === 'frozen'")
-    driver.page.wait_for_timeout(300)
+    driver.page.wait_for_timeout(2500)  # the server may be at work for the first push, and answer late
     number, pixels = driver.drawn()
     driver.page.keyboard.press("ArrowDown")
     driver.page.keyboard.press("KeyD")
@@ -151,6 +152,7 @@ def test_help_and_what_screen_readers_hear(drive):
 def test_latency_is_measured_by_sequence_numbers(drive):
     driver = drive()
     driver.page.get_by_role("radio", name="Kelvinlet").click()
+    driver.page.locator(".image-pane").focus()
     driver.page.keyboard.down("ArrowDown")
     driver.until(
         "document.querySelector('.latency').dataset.value > 0 && document.querySelector('.latency').textContent !== '–'"
