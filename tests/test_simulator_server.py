@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import threading
 import time
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import sonospline as ss
 from simulator_client import websockets
 from simulator_scenes import SMALL, SMALL_PAPER
-from sonospline.simulator import wire
+from sonospline.simulator import Session, wire
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
@@ -91,6 +92,25 @@ def test_at_most_two_frames_are_in_flight_and_one_where_the_page_is_slow(page, a
     page.send(type="drawn", frame=page.frames[-1])
     header, _ = page.frame(page.seq)
     assert header["state"]["needle"]["depth"] == 3
+
+
+def test_a_server_at_work_on_a_frame_still_answers_a_ping(page, monkeypatch):
+    at_work, go_on = threading.Event(), threading.Event()
+
+    def slow_step(session, wish=None, step=Session.step):
+        at_work.set()
+        go_on.wait(60)
+        return step(session, wish)
+
+    monkeypatch.setattr(Session, "step", slow_step)
+    seq = page.ask(depth=4.0)
+    try:
+        assert at_work.wait(60)
+        page.send(type="ping")
+        assert page.text("pong") == {"type": "pong"}
+    finally:
+        go_on.set()
+    assert page.frame(seq)[0]["state"]["needle"]["depth"] == 4
 
 
 def test_frames_come_in_order_and_at_least_five_a_second(page):

@@ -112,7 +112,7 @@ class Connection:
             if text is None:
                 raise MessageError("message", "is binary; send JSON text")
             message = messages.parse(text)
-            if not isinstance(message, messages.Drawn):
+            if not isinstance(message, messages.Drawn | messages.Ping):
                 self._busy_at = time.monotonic()
             self._do(message)
         except MessageError as error:
@@ -128,6 +128,8 @@ class Connection:
         match message:
             case messages.Drawn():
                 self._drawn(message.frame)
+            case messages.Ping():
+                self._tell({"type": "pong"})
             case messages.State():
                 self._state(message)
             case messages.View():

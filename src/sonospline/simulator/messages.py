@@ -95,11 +95,16 @@ class View:
     ahead: int = told("frames that may come before the last one was drawn", low=0, high=1, default=1)
 
 
-Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View
+@dataclass(frozen=True, kw_only=True)
+class Ping:
+    """Asks for a sign of life: frames may take long, the connection does not."""
+
+
+Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View | Ping
 
 KINDS: dict[str, type[Any]] = {
     "state": State, "drawn": Drawn, "model": Model, "scene": ChooseScene, "open_scene": OpenScene, "target": Target,
-    "undo_pass": UndoPass, "reset": Reset, "restore": Restore, "view": View,
+    "undo_pass": UndoPass, "reset": Reset, "restore": Restore, "view": View, "ping": Ping,
 }  # fmt: skip
 
 
