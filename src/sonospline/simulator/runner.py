@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +26,20 @@ IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
 _FAULTS_APART_S = 1.0
 _FRESH_S = 0.003
+_LAST_STEP_S = 5.0
+"""How long the end of the process waits for steps that are under way."""
+
+_runners: weakref.WeakSet[Runner] = weakref.WeakSet()
+
+
+@atexit.register
+def _end_all() -> None:
+    """End the threads while the interpreter is whole: a step that outlives it has no Python to return to."""
+    runners, deadline = list(_runners), time.monotonic() + _LAST_STEP_S
+    for runner in runners:
+        runner.stop()
+    for runner in runners:
+        runner.join(max(0.0, deadline - time.monotonic()))
 
 
 @dataclass(frozen=True)
@@ -106,6 +122,7 @@ class Runner:
         self._restless = True
         self._complained: tuple[str, float] = ("", -_FAULTS_APART_S)
         self._thread = threading.Thread(target=self._run, name="sonospline-session", daemon=True)
+        _runners.add(self)
         self._thread.start()
 
     def ask(self, wish: Wish, seq: int, since: float | None = None) -> None:
@@ -140,11 +157,15 @@ class Runner:
         """Whether the thread still runs."""
         return self._thread.is_alive()
 
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until the thread has ended, at most so many seconds."""
+        if threading.current_thread() is not self._thread:
+            self._thread.join(timeout)
+
     def close(self) -> None:
         """End the thread, and wait until it has ended."""
         self.stop()
-        if threading.current_thread() is not self._thread:
-            self._thread.join()
+        self.join()
 
     def __enter__(self) -> Runner:
         return self
