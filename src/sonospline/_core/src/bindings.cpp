@@ -29,7 +29,7 @@ template <class T>
 nb::ndarray<nb::numpy, T> sum_at_points(int kernel, Rows points, Rows centres, Rows weights, Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<T, 2>({points.shape(0), 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::sum_at_points<T>(sum, points.data(), points.shape(0), out.data());
     return out;
 }
@@ -40,7 +40,7 @@ nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_
                                          Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<T, 4>({shape[0], shape[1], shape[2], 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::sum_on_lattice<T>(sum, shape, spacing, out.data());
     return out;
 }
@@ -49,7 +49,7 @@ nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows 
                                                   Affine affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<double, 3>({points.shape(0), 3, 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::gradient_at_points(sum, points.data(), points.shape(0), out.data());
     return out;
 }
@@ -60,7 +60,7 @@ nb::ndarray<nb::numpy, double> kelvinlet_sum(Rows points, Rows centres, Rows for
     auto out = new_array<double, 2>({points.shape(0), 3});
     const double a = 1 / (4 * std::acos(-1.0)), b = a / (4 * (1 - poissons_ratio));
     const sono::Kelvinlet kernel{a - b, 0.5 * a * width * width, b, width * width};
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::kelvinlet_sum(kernel, points.data(), points.shape(0), centres.data(), forces.data(), centres.shape(0),
                         out.data());
     return out;
@@ -68,7 +68,7 @@ nb::ndarray<nb::numpy, double> kelvinlet_sum(Rows points, Rows centres, Rows for
 
 nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, Rows points, Rows centres) {
     auto out = new_array<double, 2>({points.shape(0), centres.shape(0)});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::kernel_matrix(static_cast<sono::Kernel>(kernel), points.data(), points.shape(0), centres.data(),
                         centres.shape(0), out.data());
     return out;
@@ -85,6 +85,8 @@ std::vector<std::string> instruction_sets() {
 }  // namespace
 
 NB_MODULE(_native, m) {
+    sono::watch_forks();
+    nb::set_leak_warnings(false);  // a daemon thread may hold what it computes with until the process is gone
     bind_bmode(m);
     bind_cholesky(m);
     bind_sampling(m);

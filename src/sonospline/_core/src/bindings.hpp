@@ -7,6 +7,7 @@
 #include <array>
 
 #include "buffers.hpp"
+#include "gil.hpp"
 
 using Rows = nanobind::ndarray<const double, nanobind::shape<-1, 3>, nanobind::c_contig, nanobind::device::cpu>;
 using Affine = nanobind::ndarray<const double, nanobind::shape<4, 3>, nanobind::c_contig, nanobind::device::cpu>;
@@ -18,8 +19,7 @@ nanobind::ndarray<nanobind::numpy, T> new_array(const std::array<std::size_t, N>
         void *memory;
         std::size_t bytes;
     };
-    std::size_t bytes = sizeof(T);
-    for (std::size_t n : shape) bytes *= n;
+    const std::size_t bytes = sono::bytes_of(sizeof(T), shape);
     auto *owned = new Owned{sono::take_buffer(bytes), bytes};
     nanobind::capsule owner(owned, [](void *p) noexcept {
         auto *freed = static_cast<Owned *>(p);

@@ -77,7 +77,7 @@ class BmodePlan {
         auto grey = new_array<std::uint8_t, 2>({lines, samples});
         auto picture = new_array<std::uint8_t, 2>({pixel_.shape(0), pixel_.shape(1)});
         {
-            nb::gil_scoped_release release;
+            const Outside outside;
             std::lock_guard<std::mutex> lock(mutex_);
             renderer_.render(aim_, in, {iq.data(), grey.data(), picture.data()});
         }

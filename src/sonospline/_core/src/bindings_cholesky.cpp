@@ -11,13 +11,13 @@ using Columns = nb::ndarray<double, nb::shape<3, -1>, nb::c_contig, nb::device::
 
 bool append(sono::CholeskyFactor &factor, Matrix rows, double smallest_pivot) {
     if (rows.shape(1) != factor.size() + rows.shape(0)) throw nb::value_error("rows must be (m, size + m)");
-    nb::gil_scoped_release release;
+    const Outside outside;
     return factor.append(rows.data(), rows.shape(0), smallest_pivot);
 }
 
 void solve(sono::CholeskyFactor &factor, Columns x, std::size_t first) {
     if (x.shape(1) > factor.size()) throw nb::value_error("x must be (3, size or less)");
-    nb::gil_scoped_release release;
+    const Outside outside;
     factor.solve(x.data(), x.shape(1), first);
 }
 

@@ -53,7 +53,7 @@ auto iterate(sono::ElasticMultigrid &solver, Nodes load, Nodes start, int iterat
     NewNodes out = like(start);
     sono::ElasticOutcome outcome;
     {
-        nb::gil_scoped_release release;
+        const Outside outside;
         std::copy_n(start.data(), start.size(), out.data());
         outcome = solver.iterate(load.data(), out.data(), iterations, estimate);
     }
@@ -63,7 +63,7 @@ auto iterate(sono::ElasticMultigrid &solver, Nodes load, Nodes start, int iterat
 NewNodes product(sono::ElasticMultigrid &solver, Nodes values) {
     check(solver, values);
     NewNodes out = like(values);
-    nb::gil_scoped_release release;
+    const Outside outside;
     solver.product(values.data(), out.data());
     return out;
 }
@@ -75,7 +75,7 @@ NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<dou
     const auto vector = [](const Vector3 &v) { return std::array<double, 3>{v(0), v(1), v(2)}; };
     const sono::AxialForce force{vector(origin), vector(direction), places.data(), changes.data(), places.size(),
                                  depth,          tip,               width};
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::line_load(shape, spacing, force, out.data());
     return out;
 }

@@ -37,7 +37,7 @@ Out evaluate(sono::MultilevelPlan &plan, Index index, Rows weights, Affine affin
     Out result = out ? *out : Out(new_array<float, 4>({n[0], n[1], n[2], 3}));
     float *const data = result.data();
     {
-        nb::gil_scoped_release release;
+        const Outside outside;
         plan.evaluate(index.data(), weights.data(), index.shape(0), affine.data(), depth, data);
     }
     return result;
@@ -51,7 +51,7 @@ void bind_multilevel(nb::module_ &m) {
                       const std::vector<int> &>(),
              "shape"_a, "spacing"_a, "tolerance"_a = 3e-5, "orders"_a = std::vector<int>{6, 8, 8})
         .def_prop_ro("max_depth", &sono::MultilevelPlan::max_depth)
-        .def("depth", &sono::MultilevelPlan::depth, "centres"_a, nb::call_guard<nb::gil_scoped_release>())
+        .def("depth", &sono::MultilevelPlan::depth, "centres"_a, nb::call_guard<Outside>())
         .def("error_per_weight", &sono::MultilevelPlan::error_per_weight, "depth"_a)
         .def("evaluate", &evaluate, "centre_index"_a, "weights"_a, "affine"_a, "depth"_a = 0,
              "out"_a.none() = nb::none());

@@ -31,7 +31,7 @@ auto reslice(Values values, const std::array<double, 3> &spacing, Array<double, 
     auto grey = new_array<float, 2>({shape[0], shape[1]});
     auto mask = new_array<std::uint8_t, 2>({shape[0], shape[1]});
     {
-        nb::gil_scoped_release release;
+        const Outside outside;
         sono::reslice(field, image, plane, tolerance, most, grey.data(), mask.data());
     }
     return std::pair(grey, mask);

@@ -26,7 +26,7 @@ nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<do
                                               int order) {
     const auto field = lattice_field(values, spacing, order);
     auto out = new_array<double, 2>({points.shape(0), 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::sample_lattice(field, points.data(), points.shape(0), out.data());
     return out;
 }
@@ -35,7 +35,7 @@ nb::ndarray<nb::numpy, double> gradient_lattice(Values coefficients, const std::
                                                 Rows points) {
     const auto field = lattice_field(coefficients, spacing, 3);
     auto out = new_array<double, 3>({points.shape(0), 3, 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::gradient_lattice(field, points.data(), points.shape(0), out.data());
     return out;
 }
@@ -46,7 +46,7 @@ auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows po
     auto out = new_array<double, 2>({points.shape(0), 3});
     auto iterations = new_array<std::int32_t, 1>({points.shape(0)});
     {
-        nb::gil_scoped_release release;
+        const Outside outside;
         sono::invert_lattice(field, points.data(), points.shape(0), tolerance, most, out.data(), iterations.data());
     }
     return std::pair(out, iterations);
@@ -67,7 +67,7 @@ nb::ndarray<nb::numpy, float> resample_lattice(Planes values, Weights x, Weights
     const sono::Resampling weights{axis_weights(x), axis_weights(y), z_transposed.data(), z_transposed.shape(0),
                                    z_transposed.shape(1)};
     auto out = new_array<float, 4>({x.shape(0), y.shape(0), z_transposed.shape(1), 3});
-    nb::gil_scoped_release release;
+    const Outside outside;
     sono::resample_lattice(weights, values.data(), out.data());
     return out;
 }

@@ -43,7 +43,7 @@ class EchoScene {
 
     auto interfaces() {
         const std::vector<const sono::InterfaceBlock *> blocks = [&] {
-            nb::gil_scoped_release release;
+            const Outside outside;
             return scene_.interfaces();
         }();
         std::size_t count = 0;
@@ -70,7 +70,7 @@ class EchoScene {
                         power.data(), power.shape(0), seed};
         std::memcpy(&view.probe, probe.data(), sizeof view.probe);
         sono::Choice choice = [&] {
-            nb::gil_scoped_release release;
+            const Outside outside;
             return scene_.choose(view);
         }();
         const std::size_t cells = choice.frames.size(), stride = choice.size() + sono::kEchoSlack;
@@ -80,7 +80,7 @@ class EchoScene {
         auto place = new_array<std::uint16_t, 2>({3, stride});
         auto amplitude = new_array<std::int16_t, 1>({stride});
         {
-            nb::gil_scoped_release release;
+            const Outside outside;
             choice.write(place.data(), amplitude.data(), stride);
             std::memcpy(frames.data(), choice.frames.data(), cells * sizeof(sono::CellFrame));
             std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
@@ -126,7 +126,7 @@ void bind_scatterers(nb::module_ &m) {
              "labels"_a, "spacing"_a, "impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
         .def("interfaces", &EchoScene::interfaces)
-        .def("prepare", &EchoScene::prepare, nb::call_guard<nb::gil_scoped_release>())
+        .def("prepare", &EchoScene::prepare, nb::call_guard<Outside>())
         .def("choose", &EchoScene::choose, "probe"_a, "to_image"_a, "to_cell"_a, "cell_to_image"_a, "shape"_a,
              "spacing"_a, "power"_a, "seed"_a);
 }

@@ -1,6 +1,7 @@
 #include "buffers.hpp"
 
 #include <array>
+#include <cstdint>
 #include <cstdlib>
 #include <mutex>
 #include <new>
@@ -28,6 +29,7 @@ bool keeps(std::size_t bytes) { return bytes >= kSmallestKept && bytes <= kLarge
 
 void *allocate(std::size_t bytes) {
     const std::size_t alignment = bytes < 2 * kHugePage ? kCacheLine : kHugePage;
+    if (bytes > SIZE_MAX - alignment) throw std::bad_array_new_length();
     const std::size_t rounded = (bytes + alignment - 1) / alignment * alignment;
     void *memory = std::aligned_alloc(alignment, rounded ? rounded : alignment);
     if (!memory) throw std::bad_alloc();
@@ -65,5 +67,9 @@ void return_buffer(void *memory, std::size_t bytes) noexcept {
     }
     std::free(memory);
 }
+
+void hold_buffers() { mutex.lock(); }
+
+void release_buffers() { mutex.unlock(); }
 
 }  // namespace sono

@@ -1,10 +1,11 @@
 #include "parallel.hpp"
 
 #include <sched.h>
-#include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <thread>
@@ -12,6 +13,8 @@
 
 namespace sono {
 namespace {
+
+constexpr int kMostThreads = 1024;
 
 int default_thread_count() {
 #ifdef __linux__
@@ -24,31 +27,45 @@ int default_thread_count() {
 
 // One parallel_for in flight. Shared ownership: a worker that wakes late may still
 // look at the counter after the caller has returned.
-struct Job {
-    const std::function<void(std::size_t)> *body;
-    std::size_t blocks;
-    std::atomic<std::size_t> next{0};
-    std::atomic<std::size_t> done{0};
+class Job {
+  public:
+    Job(std::size_t blocks, const std::function<void(std::size_t)> &body) : blocks_(blocks), body_(body) {}
 
-    void work() {
-        for (std::size_t block; (block = next.fetch_add(1)) < blocks;) {
-            (*body)(block);
-            done.fetch_add(1, std::memory_order_release);
+    /// Takes blocks until none is left. After one has failed the others are only counted.
+    void work() noexcept {
+        for (std::size_t block; (block = next_.fetch_add(1)) < blocks_;) {
+            try {
+                if (!failed_.load(std::memory_order_relaxed)) body_(block);
+            } catch (...) {
+                if (!failed_.exchange(true)) failure_ = std::current_exception();
+            }
+            done_.fetch_add(1, std::memory_order_release);
         }
     }
-    bool finished() const { return done.load(std::memory_order_acquire) == blocks; }
+    bool finished() const { return done_.load(std::memory_order_acquire) == blocks_; }
+    /// Of the first block that failed; call it once finished.
+    void rethrow() const {
+        if (failure_) std::rethrow_exception(failure_);
+    }
+
+  private:
+    const std::size_t blocks_;
+    const std::function<void(std::size_t)> &body_;
+    std::atomic<std::size_t> next_{0}, done_{0};
+    std::atomic<bool> failed_{false};
+    std::exception_ptr failure_;
 };
 
 class Team {
   public:
-    explicit Team(int workers) : pid_(getpid()) {
-        for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { loop(); });
+    /// As many workers as the system grants: it may have no thread left, or no memory for one.
+    explicit Team(int workers) : wanted_(workers) {
+        try {
+            for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { loop(); });
+        } catch (const std::exception &) {
+        }
     }
     ~Team() {
-        if (pid_ != getpid()) {  // after fork() the threads do not exist here
-            for (auto &thread : threads_) thread.detach();
-            return;
-        }
         {
             std::lock_guard<std::mutex> lock(mutex_);
             stopping_ = true;
@@ -56,13 +73,10 @@ class Team {
         wake_.notify_all();
         for (auto &thread : threads_) thread.join();
     }
-    int workers() const { return static_cast<int>(threads_.size()); }
-    bool belongs_to_this_process() const { return pid_ == getpid(); }
+    int wanted() const { return wanted_; }
 
     void run(std::size_t blocks, const std::function<void(std::size_t)> &body) {
-        auto job = std::make_shared<Job>();
-        job->body = &body;
-        job->blocks = blocks;
+        const auto job = std::make_shared<Job>(blocks, body);
         {
             std::lock_guard<std::mutex> lock(mutex_);
             job_ = job;
@@ -71,8 +85,11 @@ class Team {
         wake_.notify_all();
         job->work();
         wait_for([&] { return job->finished(); });
-        std::lock_guard<std::mutex> lock(mutex_);
-        job_.reset();
+        {
+            std::lock_guard<std::mutex> lock(mutex_);
+            job_.reset();
+        }
+        job->rethrow();
     }
 
   private:
@@ -91,28 +108,21 @@ class Team {
         }
     }
 
-    const pid_t pid_;
-    std::vector<std::thread> threads_;
+    const int wanted_;
     std::mutex mutex_;
     std::condition_variable wake_;
     std::shared_ptr<Job> job_;
     std::size_t generation_ = 0;
     bool stopping_ = false;
+    std::vector<std::thread> threads_;  // last, for they use the rest
 };
 
 std::atomic<int> wanted_threads{0};
 std::mutex team_mutex;
-
-// Never destroyed at exit: the operating system ends the workers with the process.
-Team *&team_slot() {
-    static Team *team = nullptr;
-    return team;
-}
+Team *team = nullptr;  // never destroyed at exit: the operating system ends the workers with the process
 
 Team &team_of(int workers) {
-    Team *&team = team_slot();
-    if (team && !team->belongs_to_this_process()) team = nullptr;  // leaked on purpose after fork()
-    if (team && team->workers() != workers) {
+    if (team && team->wanted() != workers) {
         delete team;
         team = nullptr;
     }
@@ -131,7 +141,7 @@ int thread_count() {
     return count;
 }
 
-void set_thread_count(int count) { wanted_threads.store(count < 1 ? 1 : count); }
+void set_thread_count(int count) { wanted_threads.store(std::clamp(count, 1, kMostThreads)); }
 
 void parallel_for(std::size_t blocks, const std::function<void(std::size_t)> &body) {
     const int threads = thread_count();
@@ -143,5 +153,13 @@ void parallel_for(std::size_t blocks, const std::function<void(std::size_t)> &bo
     }
     for (std::size_t block = 0; block < blocks; ++block) body(block);
 }
+
+void hold_team() {
+    team_mutex.lock();
+    delete team;
+    team = nullptr;
+}
+
+void release_team() { team_mutex.unlock(); }
 
 }  // namespace sono
