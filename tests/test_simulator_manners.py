@@ -14,6 +14,7 @@ from simulator_scenes import SMALL_PAPER
 from sonospline.simulator.connection import MOST_REFUSALS, Connection
 from sonospline.simulator.guard import Guard
 from sonospline.simulator.library import Library
+from sonospline.simulator.outbox import Outbox
 
 
 @pytest.fixture(scope="module")
@@ -189,14 +190,14 @@ def test_a_client_that_does_not_read_is_hung_up_on():
     """Its answers fill the socket, then the outbox; then that is enough."""
 
     async def fill():
-        outbox = asyncio.Queue(4)
+        outbox = Outbox(4)
         connection = Connection(Library(), outbox)
         for _ in range(4):
             connection._tell({"type": "model", "model": "paper"})
-        assert not connection.deaf
+        assert not connection.verdict.done()
         connection._tell({"type": "model", "model": "paper"})
-        assert connection.deaf
-        assert outbox.qsize() == 4
+        assert connection.verdict.result().reason == "messages are not read"
+        assert len(outbox.texts()) == 4
 
     asyncio.run(fill())
 

@@ -1,4 +1,4 @@
-"""One browser on one WebSocket: its session, its credit, its manners."""
+"""One browser on one WebSocket: what it says, and what it is told."""
 
 from __future__ import annotations
 
@@ -7,108 +7,110 @@ import contextlib
 import json
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import messages, wire
+from .flow import FrameFlow
 from .library import Library
+from .manners import MOST_REFUSALS, REFUSALS_S, Manners
 from .messages import MessageError
+from .outbox import Outbox
+from .places import Kept
 from .runner import Runner, Stamp
 from .scene_file import MODELS, SceneError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from .session import Session
     from .shot import Shot
-    from .world import World
 
 logger = logging.getLogger(__name__)
 
-MESH_HZ = 15.0
 _POLL_S = 0.005
-MOST_MESSAGES_S = 240
-MOST_REFUSALS, REFUSALS_S = 20, 10.0
-POLICY, GOING_AWAY = 1008, 1001
-
-Send = Callable[[str | bytes], Any]
+_MOST_COMMANDS = 240
+"""Commands that may wait for a page that draws no frames."""
+POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
 
-class MisbehaviourError(Exception):
-    """The client is to be hung up on."""
+class Verdict(NamedTuple):
+    """Why a client is hung up on: the closing code, and what it is told."""
 
-    def __init__(self, code: int, reason: str) -> None:
-        self.code, self.reason = code, reason
-        super().__init__(reason)
+    code: int
+    reason: str
 
 
 class Connection:
     """What stands between a socket and a session.
 
     The socket's own loop calls :meth:`open`, :meth:`take` and :meth:`close`; frames are made and encoded in the
-    session's thread and handed to ``outbox``.
+    session's thread and handed to the outbox.
 
     Parameters
     ----------
     library : Library
         Scenes.
-    outbox : asyncio.Queue
+    outbox : Outbox
         Where messages to the client go, in order.
+    key : str, default: ""
+        What the session can be asked back by.
     """
 
-    def __init__(self, library: Library, outbox: asyncio.Queue[str | bytes]) -> None:
-        self._library, self._outbox = library, outbox
+    def __init__(self, library: Library, outbox: Outbox, key: str = "") -> None:
+        self._library, self._outbox, self.key = library, outbox, key
         self._loop = asyncio.get_running_loop()
         self._runner: Runner | None = None
         self._session: Session | None = None
+        self._scene = ""
         self._loading: asyncio.Task[None] | None = None
-        self._seq = -1
-        self._flying: deque[int] = deque()
-        self._frames = self._of_older_scenes = 0
-        self._grid_wanted, self._ahead = False, 1
-        self._sent_field: object = None
-        self._sent_grid = False
-        self._shown: World | None = None
         self._showing: asyncio.Task[None] | None = None
-        self._mesh_at = -1.0
-        self._refusals: deque[float] = deque(maxlen=MOST_REFUSALS)
-        self._arrivals: deque[float] = deque(maxlen=MOST_MESSAGES_S)
+        self._seq, self._closed = -1, False
+        self._flow, self._manners = FrameFlow(), Manners()
         self._busy_at = time.monotonic()
-        self.deaf = False
-        """Whether the client left more messages unread than are kept for it."""
+        self.verdict: asyncio.Future[Verdict] = self._loop.create_future()
+        """Set when the client is to be hung up on."""
+        self.left = asyncio.Event()
+        """Set by the server once the place is free."""
 
-    async def open(self) -> None:
-        """Greet the client and load the first scene."""
-        self._tell(self._library.hello())
-        self._load(self._library.first)
+    def open(self, kept: Kept | None = None) -> None:
+        """Greet the client; go on with a session that was kept for it, or load the first scene."""
+        self._tell(self._library.hello(self.key, resumed=kept is not None))
+        if kept is None:
+            self._load(self._library.first)
+        else:
+            self._start(kept.scene, kept.session)
 
-    async def close(self) -> None:
-        """End the session's thread."""
+    async def close(self) -> Kept | None:
+        """End the session's thread; return the session where it is worth to be kept."""
+        self._closed = True
         for task in (self._loading, self._showing):
             if task is not None:
                 task.cancel()
                 await asyncio.gather(task, return_exceptions=True)
+        session = self._session
         await self._end()
+        over = self.verdict.done() and self.verdict.result().code != TAKEN_OVER
+        if session is None or over:
+            self._library.tidy()
+            return None
+        session.pause()
+        return Kept(self._scene, session)
+
+    def end(self, verdict: Verdict) -> None:
+        """Have the client hung up on."""
+        if not self.verdict.done():
+            self.verdict.set_result(verdict)
 
     def idle_s(self) -> float:
         """Return how long ago the client last asked for something; 0 while a scene is loading."""
         loading = self._loading is not None and not self._loading.done()
         return 0.0 if loading else time.monotonic() - self._busy_at
 
-    async def take(self, text: str | None) -> None:
-        """Do what a message says, or refuse it.
-
-        Raises
-        ------
-        MisbehaviourError
-            Too many refusals.
-        """
+    def take(self, text: str | None) -> None:
+        """Do what a message says, or refuse it."""
         try:
-            self._keep_pace()
+            self._manners.came()
             if text is None:
                 raise MessageError("message", "is binary; send JSON text")
             message = messages.parse(text)
@@ -118,23 +120,19 @@ class Connection:
         except MessageError as error:
             self._refuse(error.what, str(error), seq=error.seq)
 
-    def _keep_pace(self) -> None:
-        now = time.monotonic()
-        if len(self._arrivals) == MOST_MESSAGES_S and now - self._arrivals[0] < 1:
-            raise MessageError("message", f"came too fast; send at most {MOST_MESSAGES_S} a second")
-        self._arrivals.append(now)
-
     def _do(self, message: messages.Message) -> None:
         match message:
             case messages.Drawn():
-                self._drawn(message.frame)
+                self._flow.drawn(message.frame)
+                if self._runner is not None:
+                    self._runner.wake()
             case messages.Ping():
                 self._tell({"type": "pong"})
             case messages.State():
                 self._state(message)
             case messages.View():
-                self._grid_wanted, self._ahead = message.grid, message.ahead
-                self._command(lambda session: None)
+                self._flow.view(message.grid, message.ahead)
+                self._command(_look_again)
             case messages.Model():
                 self._switch(message.model)
             case messages.Target():
@@ -153,27 +151,16 @@ class Connection:
             case messages.OpenScene():
                 self._load(message.name, message.text)
 
-    def _drawn(self, frame: int) -> None:
-        if frame <= self._of_older_scenes:
-            return
-        if frame not in self._flying:
-            raise MessageError("drawn", f"frame = {frame} is not in flight; say once that a frame was drawn")
-        while self._flying and self._flying[0] <= frame:
-            self._flying.popleft()
-        if self._runner is not None:
-            self._runner.wake()
-
     def _state(self, message: messages.State) -> None:
         if message.seq <= self._seq:
             raise MessageError("state", f"seq = {message.seq} is out of order; give more than {self._seq}", message.seq)
-        session = self._ready_session("state", message.seq)
+        session, runner = self._ready("state", message.seq)
         try:
             session.world.limits.check(message.wish)
         except ValueError as error:
             raise MessageError("state", str(error), message.seq) from None
         self._seq = message.seq
-        assert self._runner is not None
-        self._runner.ask(message.wish, message.seq)
+        runner.ask(message.wish, message.seq)
 
     def _switch(self, model: str) -> None:
         if model not in MODELS:
@@ -182,21 +169,23 @@ class Connection:
         self._tell({"type": "model", "model": model})
 
     def _aim(self, target: str) -> None:
-        targets = self._ready_session("target").world.targets
+        session, _ = self._ready("target")
+        targets = session.world.targets
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
         self._command(lambda session: session.choose_target(target))
         self._tell({"type": "target", "id": target})
 
     def _command(self, command: Callable[[Session], None]) -> None:
-        self._ready_session("message")
-        assert self._runner is not None
-        self._runner.do(command)
+        _, runner = self._ready("message")
+        if runner.waiting >= _MOST_COMMANDS:
+            raise MessageError("message", f"comes after {_MOST_COMMANDS} that wait; say which frames were drawn")
+        runner.do(command)
 
-    def _ready_session(self, what: str, seq: int | None = None) -> Session:
+    def _ready(self, what: str, seq: int | None = None) -> tuple[Session, Runner]:
         if self._session is None or self._runner is None:
             raise MessageError(what, "came while the scene is loading; wait for the scene message", seq)
-        return self._session
+        return self._session, self._runner
 
     def _load(self, name: str, text: str | None = None) -> None:
         if self._loading is not None and not self._loading.done():
@@ -210,17 +199,22 @@ class Connection:
         def progress(share: float) -> None:
             self._from_thread({"type": "loading", "scene": name, "name": self._library.title(name), "share": share})
 
+        def wanted() -> bool:
+            return not self._closed
+
+        file = name if text is not None else None
         try:
-            session = await asyncio.wrap_future(self._library.order(name, text, progress))
+            session = await asyncio.wrap_future(self._library.order(name, text, progress, wanted))
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
-            self._refuse("scene", str(error), file=name if text is not None else None)
+            self._refuse("scene", str(error), file=file)
         except Exception as error:
             logger.exception("scene %s could not be made", name)
-            self._refuse("scene", f"could not be made ({error})", file=name if text is not None else None)
+            self._refuse("scene", f"could not be made ({error})", file=file)
         else:
             await self._end()
+            self._library.tidy()
             self._start(name, session)
 
     async def _end(self) -> None:
@@ -229,60 +223,36 @@ class Connection:
             runner.stop()
             while runner.alive:  # it is in the middle of a step
                 await asyncio.sleep(_POLL_S)
-            del runner
-            self._library.tidy()
 
     def _start(self, name: str, session: Session) -> None:
-        self._session, self._busy_at = session, time.monotonic()
-        self._flying.clear()
-        self._of_older_scenes, self._shown = self._frames, None
-        self._sent_field = session.rest
+        self._scene, self._session, self._busy_at = name, session, time.monotonic()
+        self._flow.begin(session)
         self._tell(wire.scene(name, session))
         self._runner = Runner(
-            session, partial(self._deliver, session.world), complain=self._complain, ready=self._may_send
+            session, partial(self._deliver, session), complain=self._complain, ready=self._flow.may_send
         )
 
-    def _may_send(self) -> bool:
-        return len(self._flying) <= self._ahead
-
-    def _deliver(self, world: World, shot: Shot, stamp: Stamp) -> None:
+    def _deliver(self, session: Session, shot: Shot, stamp: Stamp) -> None:
         """Encode a frame; in the session's thread."""
-        positions = self._positions(world, shot)
-        self._frames += 1
-        server_ms = 1e3 * (time.perf_counter() - stamp.since)
-        encoded = wire.frame(
-            shot, number=self._frames, seq=stamp.seq, positions=positions,
-            grid=positions is not None and self._sent_grid, server_ms=server_ms,
-        )  # fmt: skip
-        self._flying.append(self._frames)
-        self._call(self._put, encoded)
-        if self._frames == self._of_older_scenes + 1:  # nothing shall keep the first picture waiting
-            self._call(self._show, world)
+        self._call(self._put, self._flow.encode(session.world, shot, stamp))
+        if self._flow.at_first:  # nothing shall keep the first picture waiting
+            self._call(self._show, session)
 
-    def _show(self, world: World) -> None:
-        self._showing = self._loop.create_task(self._bring_meshes(world))
+    def _show(self, session: Session) -> None:
+        self._showing = self._loop.create_task(self._bring_meshes(session))
 
-    async def _bring_meshes(self, world: World) -> None:
+    async def _bring_meshes(self, session: Session) -> None:
+        world = session.world
         try:
-            geometry = await asyncio.wrap_future(self._library.geometry(world))
+            geometry = await asyncio.wrap_future(self._library.geometry(session))
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
             self._complain(f"the 3-D view has no surfaces: {error}")
             return
-        if self._session is not None and self._session.world is world:
+        if self._session is session and self._runner is not None:
             self._put(geometry)
-            self._shown = world
-
-    def _positions(self, world: World, shot: Shot) -> NDArray[np.float32] | None:
-        """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
-        if world is not self._shown:
-            return None
-        now = time.monotonic()
-        changed = shot.field is not self._sent_field or self._grid_wanted != self._sent_grid
-        if not changed or now - self._mesh_at < 1 / MESH_HZ:
-            return None
-        self._sent_field, self._mesh_at, self._sent_grid = shot.field, now, self._grid_wanted
-        return world.deformed(shot.field, grid=self._grid_wanted)
+            self._flow.show(world)
+            self._runner.do(_look_again)  # where nothing moves, the positions come by one more frame
 
     def _complain(self, line: str) -> None:
         self._from_thread({"type": "notice", "level": "fault", "message": line})
@@ -290,26 +260,26 @@ class Connection:
     def _from_thread(self, message: dict[str, Any]) -> None:
         self._call(self._tell, message)
 
-    def _call(self, function: Callable[[Any], None], message: Any) -> None:
+    def _call(self, function: Callable[[Any], None], argument: Any) -> None:
         """Have something done in the socket's loop; nothing where that has ended."""
         with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(function, message)
+            self._loop.call_soon_threadsafe(function, argument)
 
     def _tell(self, message: dict[str, Any]) -> None:
         self._put(json.dumps(message, allow_nan=False))
 
     def _put(self, message: str | bytes) -> None:
-        try:
-            self._outbox.put_nowait(message)
-        except asyncio.QueueFull:
-            self.deaf = True
+        if not self._outbox.put(message):
+            self.end(Verdict(POLICY, "messages are not read"))
 
     def _refuse(
         self, what: str, problem: str, *, seq: int | None = None, file: str | None = None, line: int | None = None
     ) -> None:
         message = {"type": "refused", "what": what, "message": problem, "file": file, "line": line}
         self._tell(message if seq is None else message | {"seq": seq})
-        now = time.monotonic()
-        self._refusals.append(now)
-        if len(self._refusals) == MOST_REFUSALS and now - self._refusals[0] < REFUSALS_S:
-            raise MisbehaviourError(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s")
+        if self._manners.refused():
+            self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))
+
+
+def _look_again(session: Session) -> None:
+    """Ask nothing of a session but another frame."""

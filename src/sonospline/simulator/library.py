@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import time
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import wire
+from .lane import Lane
+from .reach import refuse_elsewhere
 from .scene_file import SHIPPED, SceneFile
 from .tidying import tidy
 
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from .world import World
 
 Progress = Callable[[float], None]
+Wanted = Callable[[], bool]
 
 logger = logging.getLogger(__name__)
 
@@ -54,16 +59,18 @@ class Library:
         self._worlds: OrderedDict[str, World] = OrderedDict()
         self._prepared: Session | None = None
         self._waiting: list[Progress] = []
-        # One thread makes scenes, one after the other: two at once would take the machine from sessions that run.
-        self._maker = ThreadPoolExecutor(1, "sonospline-scenes")
+        # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
+        # page brings along may take long, and holds up nobody who wants a scene on offer.
+        self._offered, self._brought = Lane("sonospline-scenes"), Lane("sonospline-brought-scenes")
+        self._brought_worlds: weakref.WeakSet[World] = weakref.WeakSet()
 
-    def hello(self) -> dict[str, Any]:
-        """Return the greeting."""
+    def hello(self, key: str, *, resumed: bool) -> dict[str, Any]:
+        """Return the greeting of a session, with the key it can be asked back by."""
         scenes = [
             {"id": key, "name": entry.spec.name, "description": entry.spec.description}
             for key, entry in self.scenes.items()
         ]
-        return wire.hello(version("sonospline"), scenes, self.first)
+        return wire.hello(version("sonospline"), scenes, self.first, key, resumed=resumed)
 
     def title(self, name: str) -> str:
         """Return what a scene calls itself; of a file that was not read yet, its name."""
@@ -71,9 +78,9 @@ class Library:
 
     def prepare(self) -> None:
         """Begin to make the first scene and its first picture before anybody asks."""
-        self._maker.submit(self._prepare)
+        self._offered.submit(self._prepare)
 
-    def order(self, name: str, text: str | None, progress: Progress) -> Future[Session]:
+    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Session]:
         """Return a new session of a scene, its first picture made, once it is there.
 
         Parameters
@@ -84,35 +91,44 @@ class Library:
             A scene file from outside: files it names must lie in the folder the server was started in.
         progress : callable
             Told the share done, from another thread.
+        wanted : callable, optional
+            Asked now and then; the work is dropped when it says no.
 
         Raises
         ------
         ValueError
             By the future: a scene that cannot be made.
         """
+        if text is not None:
+            return self._brought.submit(self._make_brought, name, text, progress, wanted)
         self._waiting.append(progress)
-        future = self._maker.submit(self._deliver, name, text, progress)
+        future = self._offered.submit(self._deliver, name, progress)
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
 
-    def geometry(self, world: World) -> Future[bytes]:
-        """Return the message with a scene's meshes, once they are made; then make the rest of the scene."""
-        made = self._maker.submit(wire.geometry, world)
-        self._maker.submit(world.prepare)
+    def geometry(self, session: Session) -> Future[bytes]:
+        """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
+        world = session.world
+        lane = self._brought if world in self._brought_worlds else self._offered
+        made = lane.submit(wire.geometry, world)
+        lane.submit(session.warm_up)
+        lane.submit(world.prepare)
         return made
 
     def tidy(self) -> None:
-        """Give back the memory of sessions that ended, in the thread that makes scenes."""
+        """Give back the memory of sessions that ended, in a thread that makes scenes."""
         with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
-            self._maker.submit(tidy)
+            self._offered.submit(tidy)
 
-    def close(self) -> None:
-        """End the thread that makes scenes, once the one in work is made."""
-        self._maker.shutdown(cancel_futures=True)
+    def close(self, within_s: float = 2.0) -> bool:
+        """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
+        end = time.monotonic() + within_s
+        ended = [lane.close(max(0.0, end - time.monotonic())) for lane in (self._offered, self._brought)]
+        return all(ended)
 
     def _prepare(self) -> None:
         try:
-            self._prepared = self._make(self.first, None, self._pass_on)
+            self._prepared = _session(self._world(self.first, self._pass_on), self._pass_on)
         except Exception as error:  # the first page is told why, when it asks
             logger.warning("scene %s could not be made: %s", self.first, error)
 
@@ -120,28 +136,16 @@ class Library:
         for progress in tuple(self._waiting):
             progress(share)
 
-    def _deliver(self, name: str, text: str | None, progress: Progress) -> Session:
+    def _deliver(self, name: str, progress: Progress) -> Session:
         self._waiting.remove(progress)
-        if text is None and name == self.first and self._prepared is not None:
+        if name == self.first and self._prepared is not None:
             prepared, self._prepared = self._prepared, None
             return prepared
-        return self._make(name, text, progress)
+        return _session(self._world(name, progress), progress)
 
-    def _make(self, name: str, text: str | None, progress: Progress) -> Session:
-        from .session import Session  # here, so that the page can be opened before it is loaded
-
-        session = Session(self._world(name, text, progress))
-        session.step()
-        progress(1.0)
-        return session
-
-    def _world(self, name: str, text: str | None, progress: Progress) -> World:
+    def _world(self, name: str, progress: Progress) -> World:
         from .world import World
 
-        if text is not None:
-            spec = SceneFile.parse(text, file=name)
-            _refuse_elsewhere(spec)
-            return World.make(spec, progress=progress)
         if name not in self._worlds:
             entry = self.scenes[name]
             self._worlds[name] = World.make(entry.spec, folder=entry.folder, progress=progress)
@@ -150,12 +154,30 @@ class Library:
             self._worlds.popitem(last=False)
         return self._worlds[name]
 
+    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
+        from .world import World
 
-def _refuse_elsewhere(spec: SceneFile) -> None:
-    here = Path().resolve()
-    for key in ("file", "names", "ct", "materials"):
-        named = getattr(spec.tissue, key)
-        if named is not None and not (here / named).resolve().is_relative_to(here):
-            raise ValueError(
-                f"tissue.{key} = {named!r} lies outside the folder the server was started in; start it with --scene"
-            )
+        def go_on(share: float) -> None:
+            if not wanted():
+                raise DroppedError(f"{name} is not wanted any more")
+            progress(share)
+
+        go_on(0.0)
+        spec = SceneFile.parse(text, file=name)
+        refuse_elsewhere(spec)
+        world = World.make(spec, progress=go_on)
+        self._brought_worlds.add(world)
+        return _session(world, go_on)
+
+
+class DroppedError(Exception):
+    """Whoever asked for a scene has left before it was made."""
+
+
+def _session(world: World, progress: Progress) -> Session:
+    from .session import Session  # here, so that the page can be opened before it is loaded
+
+    session = Session(world)
+    session.step()
+    progress(1.0)
+    return session

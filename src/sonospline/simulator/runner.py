@@ -141,6 +141,11 @@ class Runner:
             self._queue.append(command)
             self._changed.notify()
 
+    @property
+    def waiting(self) -> int:
+        """How many wishes and commands were not looked at yet."""
+        return len(self._queue)
+
     def wake(self) -> None:
         """Look again whether a picture could be handed on."""
         with self._changed:
@@ -174,7 +179,7 @@ class Runner:
         self.close()
 
     def _run(self) -> None:
-        begun, warm = -1.0, False
+        begun = -1.0
         while self._wait(begun):
             begun = time.perf_counter()
             asked = self._obey()
@@ -184,9 +189,6 @@ class Runner:
                     self._seq = asked.seq
                 self._restless = not shot.settled and not shot.wish.frozen
                 self._deliver(shot, Stamp(self._seq, begun if asked is None else asked.since))
-                if not warm:
-                    warm = True
-                    self.session.warm_up()
             except Exception as error:  # the session goes on with its last picture, whatever failed
                 self._restless = False
                 self._fault(error)

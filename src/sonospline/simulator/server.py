@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
 import socket
@@ -12,20 +13,22 @@ from pathlib import Path
 from typing import Any
 
 from .._extras import require
-from .connection import GOING_AWAY, POLICY, Connection, MisbehaviourError
+from .connection import POLICY, TAKEN_OVER, Connection, Verdict
+from .conversation import converse
 from .guard import Guard
 from .library import Library
 from .messages import LONGEST
+from .outbox import Outbox
+from .places import Kept, Places, new_key
 from .scene_file import scene_schema
 
 logger = logging.getLogger(__name__)
 
 PAGE = Path(__file__).parent / "page"
 TOO_MANY = 1013
-_IDLE_CHECK_S = 1.0
 _SHUTDOWN_S = 3
-_OUTBOX = 64
-"""Messages that may wait for a client that does not read; frames are held back by credit long before."""
+_HANDOVER_S = 10.0
+"""How long a page waits for the socket before it to leave the session."""
 
 NO_PAGE = """<!doctype html><meta charset="utf-8"><title>Sonospline</title>
 <h1>The page was not built</h1>
@@ -72,8 +75,8 @@ class Server:
         self.socket = _listen(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self.guard = Guard(host, self.port, token)
-        self.library, self.most, self.idle_s = library, sessions, idle_s
-        self.connections: set[Connection] = set()
+        self.library, self.idle_s = library, idle_s
+        self.places = Places(sessions, library.tidy)
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
                 self._application(), log_config=None, access_log=False, ws="websockets-sansio", ws_max_size=LONGEST,
@@ -88,6 +91,11 @@ class Server:
         host = f"[{self.host}]" if ":" in self.host else self.host
         query = f"/?token={self.guard.token}" if self.guard.token else "/"
         return f"http://{host}:{self.port}{query}"
+
+    @property
+    def connections(self) -> set[Connection]:
+        """Who is connected."""
+        return set(self.places.connections.values())
 
     def run(self, ready: Callable[[str], None] = lambda address: None) -> None:
         """Serve until told to stop; ``ready`` is called with the address once pages can be opened."""
@@ -132,8 +140,8 @@ class Server:
         watch = asyncio.create_task(self._tell_when_listening())
         yield
         watch.cancel()
-        await asyncio.gather(*(connection.close() for connection in set(self.connections)))
-        self.library.close()
+        self.places.clear()
+        await asyncio.to_thread(self.library.close)
 
     async def _tell_when_listening(self) -> None:
         while not self._server.started:
@@ -146,43 +154,37 @@ class Server:
         if refusal is not None:
             await websocket.close(POLICY, refusal)
             return
-        if len(self.connections) >= self.most:
-            await websocket.close(TOO_MANY, f"{self.most} sessions are open; close one")
+        key = websocket.query_params.get("session", "")
+        kept = await self._reclaim(key)
+        if self.places.full:
+            await websocket.close(TOO_MANY, f"{self.places.most} sessions are open; close one")
             return
-        outbox: asyncio.Queue[str | bytes] = asyncio.Queue(_OUTBOX)
-        connection = Connection(self.library, outbox)
-        self.connections.add(connection)
+        outbox = Outbox()
+        connection = Connection(self.library, outbox, new_key() if kept is None else key)
+        self.places.take(connection.key, connection)
         try:
-            await self._converse(websocket, connection, outbox)
+            connection.open(kept)
+            await converse(websocket, connection, outbox, idle_s=self.idle_s)
         finally:
-            await connection.close()
-            self.connections.discard(connection)
+            await self._part(connection)
 
-    async def _converse(self, websocket: Any, connection: Connection, outbox: asyncio.Queue[str | bytes]) -> None:
-        """Take, send and watch the clock, until one of them ends."""
-        tasks = [
-            asyncio.create_task(work)
-            for work in (_take(websocket, connection), _send(websocket, outbox), self._watch(connection))
-        ]
-        await connection.open()
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        for task in done:
-            problem = None if task.cancelled() else task.exception()
-            if isinstance(problem, MisbehaviourError):
-                await _flush(websocket, outbox)
-                await _hang_up(websocket, problem)
-            elif problem is not None:
-                logger.debug("a client left: %r", problem)
+    async def _part(self, connection: Connection) -> None:
+        """Free a place, once the session's thread has ended."""
+        kept = None
+        try:
+            kept = await connection.close()
+        finally:
+            self.places.leave(connection.key, kept)
+            connection.left.set()
 
-    async def _watch(self, connection: Connection) -> None:
-        while connection.idle_s() < self.idle_s:
-            if connection.deaf:
-                raise MisbehaviourError(POLICY, "messages are not read")
-            await asyncio.sleep(min(_IDLE_CHECK_S, self.idle_s))
-        raise MisbehaviourError(GOING_AWAY, "idle")
+    async def _reclaim(self, key: str) -> Kept | None:
+        """Return the session of a key; where another socket still has it, that is hung up on first."""
+        holder = self.places.connections.get(key)
+        if holder is not None:
+            holder.end(Verdict(TAKEN_OVER, "the session goes on in another page"))
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(holder.left.wait(), _HANDOVER_S)
+        return self.places.reclaim(key)
 
 
 class _Doorkeeper:
@@ -201,41 +203,6 @@ class _Doorkeeper:
                 await PlainTextResponse(foreign + "\n", status_code=421)(scope, receive, send)
                 return
         await self._app(scope, receive, send)
-
-
-async def _take(websocket: Any, connection: Connection) -> None:
-    while True:
-        event = await websocket.receive()
-        if event["type"] == "websocket.disconnect":
-            return
-        await connection.take(event.get("text"))
-
-
-async def _send(websocket: Any, outbox: asyncio.Queue[str | bytes]) -> None:
-    while True:
-        await _send_one(websocket, await outbox.get())
-
-
-async def _send_one(websocket: Any, message: str | bytes) -> None:
-    if isinstance(message, str):
-        await websocket.send_text(message)
-    else:
-        await websocket.send_bytes(message)
-
-
-async def _flush(websocket: Any, outbox: asyncio.Queue[str | bytes]) -> None:
-    """Send the refusals that led to a hang-up; frames are of no use any more."""
-    while not outbox.empty():
-        message = outbox.get_nowait()
-        if isinstance(message, str):
-            await _send_one(websocket, message)
-
-
-async def _hang_up(websocket: Any, problem: MisbehaviourError) -> None:
-    try:
-        await websocket.close(problem.code, problem.reason)
-    except RuntimeError:  # it has left meanwhile
-        logger.debug("a client left before it was hung up on")
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -119,6 +120,7 @@ class Session:
         self.last: Shot | None = None
         self._clock = clock
         self._insertions: dict[str, NeedleInsertion] = {}
+        self._making = threading.Lock()
         self.rest = GridField(
             self.world.tissue.grid, np.zeros((*self.world.tissue.grid.shape, 3), np.float32), error_estimate=0.0
         )
@@ -167,14 +169,26 @@ class Session:
         return self.last
 
     def warm_up(self) -> None:
-        """Make what the first push will need, so that the first push does not wait for it; nothing changes."""
-        if self._needle is not None or self.last is None:
+        """Make what the first push will need, so that the first push does not wait for it; nothing changes.
+
+        Unlike everything else this may be called in another thread while the session steps.
+        """
+        wish, model = self.wish, self.model
+        if wish.needle.depth > 0 or model in self._insertions:
             return
-        trial, insertion = self._needle_of(self.grant(self.wish.with_needle(depth=1.0)).wish.needle), self._insertion()
-        if trial is not None:
-            field = GridField.of(insertion.advance(trial))
-            self._aimed(self.wish).render(field, trial, frame=0, gain_db=self.wish.image.gain)
-        insertion.reset()
+        trial = self._needle_of(self.grant(wish.with_needle(depth=1.0)).wish.needle)
+        with self._making:
+            if model not in self._insertions:
+                insertion = models.make(model, self.world)
+                if trial is not None:
+                    insertion.advance(trial)
+                    insertion.reset()
+                self._insertions[model] = insertion
+
+    def pause(self) -> None:
+        """Have the clock of the pass stand still until the next step; nobody steps meanwhile."""
+        if self._frozen_at is None:
+            self._frozen_at = self._clock()
 
     def settle(self, wish: Wish | None = None, *, most: int = 100) -> Shot:
         """Step until the tissue has come to rest at a wish, and return the last picture."""
@@ -262,9 +276,10 @@ class Session:
         self._folds = needle is not None and folds(shown, needle)
 
     def _insertion(self) -> NeedleInsertion:
-        if self.model not in self._insertions:
-            self._insertions[self.model] = models.make(self.model, self.world)
-        return self._insertions[self.model]
+        with self._making:
+            if self.model not in self._insertions:
+                self._insertions[self.model] = models.make(self.model, self.world)
+            return self._insertions[self.model]
 
     def _aimed(self, wish: Wish) -> Imager:
         asked = (wish.probe, wish.image.depth, wish.image.frequency, wish.image.focus)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .places import KEPT_S
 from .scene_file import MODELS
 from .wish import Limits, Wish
 
@@ -23,10 +24,11 @@ FRAME, GEOMETRY = 1, 2
 NOTICE = "Simulated image. Not a medical device."
 
 
-def hello(version: str, scenes: list[dict[str, str]], scene: str) -> dict[str, Any]:
+def hello(version: str, scenes: list[dict[str, str]], scene: str, key: str, *, resumed: bool) -> dict[str, Any]:
     """Return the first message."""
     return {
         "type": "hello", "version": version, "protocol": PROTOCOL, "scenes": scenes, "scene": scene, "notice": NOTICE,
+        "session": key, "resumed": resumed, "kept_s": KEPT_S,
     }  # fmt: skip
 
 
