@@ -143,7 +143,7 @@ BAD = {
     "zero radius": (["--set", "shaft_radius=0"], "shaft_radius = 0 is out of range"),
     "unknown parameter": (["--set", "f_max=1"], "unknown parameter 'f_max'"),
     "no value": (["--set", "shaft_pull"], "--set 'shaft_pull' is not NAME=VALUE"),
-    "no such parameter file": (["--parameters", "nowhere.toml"], "--parameters 'nowhere.toml' cannot be read"),
+    "no such parameter file": (["--parameters", "nowhere.toml"], "--parameters = 'nowhere.toml' does not exist"),
     "no such volume": (
         ["--volume", "nowhere.nrrd", "--entry", "1,1,1", "--target", "2,2,2"],
         "volume = 'nowhere.nrrd'",

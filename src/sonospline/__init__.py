@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from .grid_field import GridField
     from .insertion import Insertion
     from .interaction import NeedleTissueModel
+    from .io.labels import read_labels
     from .kelvinlet import DragModel, Kelvinlet, KelvinletField, KelvinletInsertion
     from .kernels import Biharmonic, Kernel, Triharmonic
+    from .label_map import LabelMap
     from .needle import Needle
     from .spline import PolyharmonicSpline
     from .tissue import Tissue
@@ -34,11 +36,13 @@ __all__ = [
     "KelvinletInsertion",
     "Kernel",
     "KernelField",
+    "LabelMap",
     "Needle",
     "NeedleTissueModel",
     "PolyharmonicSpline",
     "Tissue",
     "Triharmonic",
+    "read_labels",
 ]
 
 _HOMES = {
@@ -48,6 +52,8 @@ _HOMES = {
     "grid": ("FACES", "Grid"),
     "grid_field": ("GridField",),
     "insertion": ("Insertion",),
+    "io.labels": ("read_labels",),
+    "label_map": ("LabelMap",),
     "needle": ("Needle",),
     "interaction": ("NeedleTissueModel",),
     "spline": ("PolyharmonicSpline",),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from . import _validate
 from .grid import Grid
 
 Array = NDArray[np.float64]
+
+_SAME = 0.01
+"""Of a voxel, between two lattices that are one but for the rounding of file formats."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,6 +41,9 @@ class Volume:
     >>> volume.lattice.extent.tolist()
     [9.0, 19.0, 58.0]
     """
+
+    order: ClassVar[int] = 1
+    """Of the spline between voxels: an image is linear there."""
 
     voxels: NDArray[Any]
     spacing: tuple[float, float, float]
@@ -75,7 +81,38 @@ class Volume:
         """Return world points (m, 3) of continuous voxel indices (m, 3)."""
         return self.lattice.node(_validate.points("index", index))
 
-    def sample(self, points: ArrayLike, *, outside: float = np.nan) -> Array:
+    def lies_on(self, lattice: Grid) -> bool:
+        """Return whether the voxels lie on another lattice, to a hundredth of its voxel."""
+        if self.voxels.shape != lattice.shape:
+            return False
+        ends = np.array(lattice.shape) - 1
+        corners = np.indices((2, 2, 2)).reshape(3, -1).T * ends
+        off = self.lattice.node(corners) - lattice.node(corners)
+        return bool(np.abs(off).max() <= _SAME * min(lattice.spacing))
+
+    def nearest_on(self, lattice: Grid, *, outside: float) -> Self:
+        """Return the volume on another lattice, each voxel the nearest one here, ``outside`` beyond the last.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sonospline as ss
+        >>> from sonospline.volume import Volume
+        >>> ramp = Volume(voxels=np.indices((4, 4, 4))[0], spacing=(2, 2, 2))
+        >>> ramp.nearest_on(ss.Grid(shape=(6, 2, 2), spacing=1.6), outside=-1).voxels[:, 0, 0].tolist()
+        [0, 1, 2, 2, 3, -1]
+        """
+        from scipy.ndimage import affine_transform
+
+        ours = self.lattice
+        turn = (ours.direction.T @ lattice.direction) * lattice.spacing / np.array(ours.spacing)[:, None]
+        start = self.index(lattice.origin[None])[0]
+        voxels = affine_transform(
+            self.voxels, turn, start, lattice.shape, order=0, mode="grid-constant", cval=outside
+        )  # fmt: skip
+        return replace(self, voxels=voxels, spacing=lattice.spacing, origin=lattice.origin, direction=lattice.direction)
+
+    def sample(self, points: ArrayLike, *, outside: float = np.nan) -> NDArray[Any]:
         """Return intensities (m,) at world points (m, 3), linear between voxels."""
         from scipy.ndimage import map_coordinates
 

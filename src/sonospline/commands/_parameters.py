@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import _validate
 from ..interaction import NeedleTissueModel
+from ..io.files import read_text
 
 NAMES = tuple(field.name for field in fields(NeedleTissueModel))
 
@@ -48,9 +49,7 @@ def _in_mm(content: dict[str, Any], side: float) -> dict[str, Any]:
 
 def _load(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"--parameters {str(file)!r} cannot be read ({error}); give a TOML file") from None
+        return tomllib.loads(read_text(file, "--parameters", "a TOML file"))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"--parameters {str(file)!r} is not TOML ({error}); write NAME = VALUE lines") from None
 

@@ -18,6 +18,7 @@ from ..grid import Grid
 from ..grid_field import GridField
 from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
+from ..io.labels import read_labels
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
 from ..needle import Needle
@@ -27,12 +28,12 @@ from ..ultrasound.cine import write_gif, write_sequence
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
-from ..ultrasound.organs import read_organ_names, scene_from_organs
+from ..ultrasound.organs import LARGEST_ORGAN, read_organ_names, scene_from_organs
 from ..ultrasound.plane import ImagePlane
 from ..ultrasound.pose import facing
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
-from ..ultrasound.scene import Scene
+from ..ultrasound.scene import LARGEST_LABEL, Scene
 from ..ultrasound.synthesis import Display, Ultrasound
 from . import _points
 from ._progress import track
@@ -70,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--table", type=Path, metavar="CSV", help="acoustic properties of its labels")
     what.add_argument("--names", type=Path, metavar="CSV", help="organ names of its labels, instead of a table")
     what.add_argument("--voxel", type=float, default=0.5, metavar="MM", help="voxel of the generated phantom (0.5)")
-    what.add_argument("--ct", type=Path, metavar="FILE", help="CT on the same lattice, for voxels without a label")
+    what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, for voxels without a label")
     where = parser.add_argument_group("from where (RAS mm)")
     where.add_argument("--origin", metavar="X,Y,Z", help="middle of the probe's face, or a point of the cut")
     where.add_argument(
@@ -172,12 +173,12 @@ def _rendered(args: argparse.Namespace) -> Sight:
 
 
 def _scene(args: argparse.Namespace) -> Scene:
-    labels = read_volume(args.labels)
     if (args.table is None) == (args.names is None):
         raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
     if args.table is not None:
-        return Scene(labels, read_table(args.table))
-    ct = None if args.ct is None else read_volume(args.ct)
+        return Scene(read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table))
+    labels = read_labels(args.labels, largest=LARGEST_ORGAN)
+    ct = None if args.ct is None else read_volume(args.ct, name="ct")
     return scene_from_organs(labels, read_organ_names(args.names), ct=ct)
 
 

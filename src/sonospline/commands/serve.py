@@ -91,11 +91,11 @@ def _library(args: argparse.Namespace) -> Any:
 
 def _own(args: argparse.Namespace, path: Path) -> Any:
     """The scene of a bare label map or image."""
+    from ..io.files import regular_file
     from ..simulator._fields import read
     from ..simulator.scene_file import SceneFile
 
-    if not path.is_file():
-        raise ValueError(f"--{'labels' if args.labels else 'volume'} = {str(path)!r} does not exist; give a file")
+    regular_file(path, "--labels" if args.labels else "--volume", "the path of an image file")
     tissue: dict[str, Any] = {"source": "labels" if args.labels else "volume", "file": path.name}
     tissue["entry_face"] = args.entry_face or "y+"
     if args.names is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -14,12 +13,15 @@ from typing import Any
 
 from .. import _validate
 from ..fem.material import Material
+from ..io.files import read_text
+from ..io.tables import read_names
 from .moduli import check_ratio
 
 FLUID_SHEAR = 0.01
 """A fluid keeps its first modulus and this share of the second: it shears freely, at constant volume."""
 
-_BORDER_DEFAULT = "soft_tissue"
+_BACKGROUND = "soft_tissue"
+"""What label 0 is, where the names do not say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,11 +106,8 @@ class MaterialTable:
         ValueError
             A file that is not there or not TOML, an unknown key, or a value out of range.
         """
-        path = Path(path)
         try:
-            entries = tomllib.loads(path.read_text())
-        except (OSError, UnicodeDecodeError) as error:
-            raise ValueError(f"materials = {str(path)!r} cannot be read ({error}); give a TOML file") from None
+            entries = tomllib.loads(read_text(path, "materials", "a TOML file"))
         except tomllib.TOMLDecodeError as error:
             raise ValueError(f"materials = {str(path)!r} is not TOML ({error}); write [liver] tables") from None
         return cls.assumed().preferring(_parsed(f"materials = {str(path)!r}", entries))
@@ -133,24 +132,8 @@ class MaterialTable:
 
 
 def read_label_names(path: str | Path) -> dict[int, str]:
-    """Read the names of labels from a CSV file with the columns ``label`` and ``name``.
-
-    Raises
-    ------
-    ValueError
-        A file that cannot be read, or without these columns.
-    """
-    path = Path(path)
-    try:
-        with path.open(newline="") as stream:
-            names = {int(row["label"]): row["name"].strip() for row in csv.DictReader(stream)}
-    except OSError as error:
-        raise ValueError(f"label names = {str(path)!r} cannot be read ({error.strerror}); give a CSV file") from None
-    except (KeyError, TypeError, ValueError, UnicodeDecodeError, AttributeError):
-        raise ValueError(
-            f"label names = {str(path)!r} lacks columns label,name of numbers and names; add them"
-        ) from None
-    return {0: _BORDER_DEFAULT, **names}
+    """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""
+    return {0: _BACKGROUND, **read_names(path, "label names")}
 
 
 @lru_cache(maxsize=1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._extras import require
 from ..volume import Volume
+from .files import regular_file
 
 SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
@@ -21,21 +22,23 @@ RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
 """Flips x and y of positions and of displacement vectors; its own inverse."""
 
 
-def suffix_of(path: Path) -> str:
+def suffix_of(path: Path, name: str = "volume") -> str:
     """Return the volume suffix of a path, or raise ValueError for a file type that is not one."""
     for suffix in SUFFIXES:
         if path.name.lower().endswith(suffix):
             return suffix
-    raise ValueError(f"volume = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
+    raise ValueError(f"{name} = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
 
 
-def read_volume(path: str | Path) -> Volume:
+def read_volume(path: str | Path, *, name: str = "volume") -> Volume:
     """Read a 3-D, single-channel image.
 
     Parameters
     ----------
     path : str or Path
         A .nrrd, .mha or .nii.gz file (or .nhdr, .mhd, .nii).
+    name : str, default: "volume"
+        The argument, as an error names it.
 
     Raises
     ------
@@ -44,20 +47,19 @@ def read_volume(path: str | Path) -> Volume:
         file that cannot be read or is truncated.
     """
     path = Path(path)
-    suffix_of(path)
-    if not path.is_file():
-        raise ValueError(f"volume = {str(path)!r} does not exist; give the path of an image file")
+    suffix_of(path, name)
+    regular_file(path, name, "the path of an image file")
     sitk = require("SimpleITK")
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     try:
         reader.ReadImageInformation()
-        _refuse_unfit(path, reader)
+        _refuse_unfit(path, name, reader)
         _refuse_truncated(path, reader)
         image = reader.Execute()
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]
-        raise ValueError(f"volume = {str(path)!r} cannot be read ({reason}); check that the file is whole") from None
+        raise ValueError(f"{name} = {str(path)!r} cannot be read ({reason}); check that the file is whole") from None
     return from_sitk(image)
 
 
@@ -91,9 +93,9 @@ def place(image: Any, lattice: Any) -> None:
     image.SetDirection((RAS_TO_LPS @ lattice.direction).ravel().tolist())
 
 
-def _refuse_unfit(path: Path, reader: Any) -> None:
+def _refuse_unfit(path: Path, name: str, reader: Any) -> None:
     size, channels = reader.GetSize(), reader.GetNumberOfComponents()
-    where = f"volume = {str(path)!r}"
+    where = f"{name} = {str(path)!r}"
     if len(size) != 3 or min(size) < 2:
         raise ValueError(f"{where} has size {size}; give a 3-D image of at least 2 voxels along each axis")
     if channels != 1:

@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
+from ..io.files import read_text
 from ._fields import FieldError, read, schema, told
 
 Triple = tuple[float, float, float]
@@ -27,7 +28,7 @@ class TissuePart:
     source: Source = told("a generated phantom, a label map, or a real 3-D image")
     file: str | None = told("label map or image, seen from the scene file", default=None)
     names: str | None = told("CSV of label, name; by default the .csv beside the label map", default=None)
-    ct: str | None = told("CT on the label map's lattice, for voxels without a label", default=None)
+    ct: str | None = told("CT of the same patient, for voxels without a label", default=None)
     materials: str | None = told("TOML of materials by name; others are the assumed ones", default=None)
     stiffness_kpa: float = told("Young's modulus where there are no labels", low=1e-3, high=1e6, default=10.0)
     voxel_mm: float = told("voxel of a generated phantom", low=0.2, high=4.0, default=0.5)
@@ -161,11 +162,7 @@ class SceneFile:
     @classmethod
     def read(cls, path: str | Path) -> SceneFile:
         """Read a scene file."""
-        path = Path(path)
-        try:
-            return cls.parse(path.read_text(), file=path.name)
-        except (OSError, UnicodeDecodeError) as error:
-            raise ValueError(f"scene = {str(path)!r} cannot be read ({error}); give a TOML file") from None
+        return cls.parse(read_text(path, "scene", "a TOML file"), file=Path(path).name)
 
     @classmethod
     def shipped(cls, name: str) -> SceneFile:

@@ -16,10 +16,11 @@ from ..elastic import MaterialTable, TissueMap
 from ..elastic.materials import read_label_names
 from ..grid import Grid
 from ..grid_field import GridField
+from ..io.labels import names_of, read_labels
 from ..io.volumes import read_volume
 from ..tissue import Tissue
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
-from ..ultrasound.organs import scene_from_organs
+from ..ultrasound.organs import LARGEST_ORGAN, scene_from_organs
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.scene import Scene
@@ -164,14 +165,12 @@ class _Maker:
     def _labels(self) -> _Matter:
         path = self._file("file")
         assert path is not None
-        labels = read_volume(path)
-        labels = replace(labels, voxels=np.rint(labels.voxels).astype(np.int32))
+        labels = read_labels(path, largest=LARGEST_ORGAN)
         self.progress(0.1)
-        beside = path.with_name(path.name.split(".")[0] + ".csv")
-        names = read_label_names(self._file("names") or beside)
+        names = read_label_names(names_of(path, self._file("names")))
         ct = self._file("ct")
         scene = scene_from_organs(
-            labels, {n: name for n, name in names.items() if n}, ct=None if ct is None else read_volume(ct)
+            labels, {n: name for n, name in names.items() if n}, ct=None if ct is None else read_volume(ct, name="ct")
         )
         self.progress(0.6)
         grid = self._box(labels)

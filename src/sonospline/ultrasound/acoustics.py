@@ -14,8 +14,10 @@ import csv
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from .. import _validate
+from ..io.tables import read_by_label
 
 NO_ECHO = -200.0
 """Backscatter of a fluid, dB: none."""
@@ -139,13 +141,10 @@ def write_table(path: str | Path, labelled: Iterable[tuple[int, AcousticTissue]]
 def read_table(path: str | Path) -> dict[int, AcousticTissue]:
     """Read what :func:`write_table` wrote: label -> tissue."""
     table = {}
-    try:
-        with Path(path).open(newline="") as file:
-            for row in csv.DictReader(file):
-                numbers = {c: float(row[c]) for c in _COLUMNS[1:-1]}
-                table[int(row["label"])] = AcousticTissue(name=row["name"], source=row["source"], **numbers)  # type: ignore[arg-type]
-    except (OSError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise ValueError(
-            f"table = {str(path)!r} cannot be read ({error!r}); give a CSV with {', '.join(_COLUMNS)}"
-        ) from None
+    for label, row in read_by_label(path, "table", _COLUMNS).items():
+        try:
+            numbers: dict[str, Any] = {column: float(row.cells[column]) for column in _COLUMNS[1:-1]}
+            table[label] = AcousticTissue(name=row.cells["name"], source=row.cells["source"], **numbers)
+        except ValueError as error:
+            raise ValueError(f"table = {str(path)!r}, line {row.line}: {error}; give numbers in range") from None
     return table

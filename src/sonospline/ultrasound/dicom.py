@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._extras import require
+from ..io.files import regular_file
 from .frame import Frame
 
 _CENTIMETRES = 3
@@ -96,9 +97,7 @@ def read_dicom(path: str | Path) -> Clip:
     ValueError
         No such file, not DICOM, another modality than ultrasound, or pixels that cannot be decoded.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise ValueError(f"dicom = {str(path)!r} does not exist; give the path of a DICOM file")
+    path = regular_file(path, "dicom", "the path of a DICOM file")
     pydicom = require("pydicom")
     try:
         dataset = pydicom.dcmread(path)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._extras import require
 from ..field import Field
+from ..io.files import regular_file
 from . import pose
 from ._axes import axes_or_new
 from .plane import ImagePlane
@@ -87,9 +88,7 @@ class Frame:
             A file that cannot be read, and a file without pixel sizes (a spacing of exactly 1)
             where ``spacing_mm`` is not given.
         """
-        path = Path(path)
-        if not path.is_file():
-            raise ValueError(f"frame = {str(path)!r} does not exist; give the path of an image file")
+        path = regular_file(path, "frame", "the path of an image file")
         sitk = require("SimpleITK")
         try:
             image = sitk.ReadImage(str(path))

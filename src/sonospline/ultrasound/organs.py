@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
+import logging
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..io.tables import read_names
+from ..label_map import LabelMap
 from ..volume import Volume
 from .acoustics import TISSUES
 from .scene import Scene
@@ -27,6 +31,12 @@ _KINDS = {
 }
 _AIR_HU, _FAT_HU = -300, -30
 _AIR, _FAT, _SOFT = 0, 254, 255
+_BEYOND_CT_HU = -1000
+
+LARGEST_ORGAN = 253
+"""Largest label of an organ: 254 and 255 are the fat and the soft tissue between them."""
+
+logger = logging.getLogger(__name__)
 
 
 def tissue_of(organ: str) -> str:
@@ -52,14 +62,7 @@ def tissue_of(organ: str) -> str:
     )
 
 
-def read_organ_names(path: str | Path) -> dict[int, str]:
-    """Read a CSV whose first two columns are label and organ name."""
-    try:
-        with Path(path).open(newline="") as file:
-            rows = [row for row in csv.reader(file) if row]
-        return {int(row[0]): row[1] for row in rows if row[0].strip().isdecimal()}
-    except (OSError, IndexError, UnicodeDecodeError) as error:
-        raise ValueError(f"names = {str(path)!r} cannot be read ({error}); give a CSV of label, name") from None
+read_organ_names = read_names
 
 
 def scene_from_organs(
@@ -74,22 +77,27 @@ def scene_from_organs(
     names : dict of int to str
         Their names.
     ct : Volume, optional
-        CT on the same lattice: tells fat, soft tissue and air apart where there is no label. Without it,
-        unlabelled voxels are soft tissue.
+        CT of the same patient: tells fat, soft tissue and air apart where there is no label. On another
+        lattice than the labels, its nearest voxel is taken, and air where it ends. Without it, unlabelled
+        voxels are soft tissue.
     spacing_mm : float, optional
         Lattice to refine to; None keeps the labels' own.
+
+    Raises
+    ------
+    ValueError
+        Labels that are not whole numbers 0 to 253, one that has no name or whose organ is not known, or a CT
+        that lies elsewhere.
     """
+    labels = LabelMap.of(labels, largest=LARGEST_ORGAN)
     voxels = labels.voxels.astype(np.uint8)
-    if labels.voxels.max() >= _FAT:
-        raise ValueError(f"labels go up to {labels.voxels.max()}; give organ labels 1 to {_FAT - 1}")
-    if ct is not None and ct.voxels.shape != voxels.shape:
-        raise ValueError(f"ct has shape {ct.voxels.shape}; give one on the labels' lattice, {voxels.shape}")
     unlabelled = voxels == 0
     if ct is None:
         voxels[unlabelled] = _SOFT
     else:
-        voxels[unlabelled & (ct.voxels > _FAT_HU)] = _SOFT
-        voxels[unlabelled & (ct.voxels > _AIR_HU) & (ct.voxels <= _FAT_HU)] = _FAT
+        hu = _hounsfield(ct, labels)
+        voxels[unlabelled & (hu > _FAT_HU)] = _SOFT
+        voxels[unlabelled & (hu > _AIR_HU) & (hu <= _FAT_HU)] = _FAT
     present = {int(label) for label in np.unique(voxels)} - {_AIR, _FAT, _SOFT}
     for label in sorted(present - set(names)):
         raise ValueError(f"label {label} has no name; add it to names, e.g. names[{label}] = 'liver'")
@@ -97,3 +105,16 @@ def scene_from_organs(
     volume = Volume(voxels=voxels, spacing=labels.lattice.spacing, origin=labels.origin, direction=labels.direction)
     scene = Scene(volume, tissues)  # type: ignore[arg-type]
     return scene if spacing_mm is None else scene.refined(spacing_mm)
+
+
+def _hounsfield(ct: Volume, labels: LabelMap) -> NDArray[Any]:
+    """The CT's voxels where the labels' are."""
+    if ct.lies_on(labels.lattice):
+        return ct.voxels
+    covered = replace(ct, voxels=np.ones(ct.voxels.shape, np.uint8)).nearest_on(labels.lattice, outside=0).voxels
+    if not covered.any():
+        raise ValueError("ct does not overlap the labels; give a CT of the same patient in the same frame")
+    if not covered.all():
+        logger.warning("ct covers %.0f %% of the label map; where it ends is air", 100 * covered.mean())
+    hu = ct.nearest_on(labels.lattice, outside=0).voxels
+    return np.where(covered, hu, _BEYOND_CT_HU)

@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 from .. import _core, _memory
 from .._extras import require
 from ..io.volumes import to_sitk
+from ..label_map import LabelMap
 from ..volume import Volume
 from .acoustics import TISSUES, AcousticTissue, write_table
 from .interfaces import Interfaces
 from .scatterers import echo_scene
 
 Array = NDArray[np.float64]
+
+LARGEST_LABEL = 255
 
 _COUNTED = 1 << 16
 """Voxels at once."""
@@ -58,12 +61,9 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.labels, Volume):
             raise ValueError(
-                f"labels = {type(self.labels).__name__} is not a Volume; read one with io.volumes.read_volume"
+                f"labels = {type(self.labels).__name__} is not a Volume; read one with io.labels.read_labels"
             )
-        voxels = self.labels.voxels
-        whole = np.issubdtype(voxels.dtype, np.integer)
-        if voxels.dtype != np.uint8 and (not whole or voxels.min() < 0 or voxels.max() > 255):
-            raise ValueError(f"labels has voxels of type {voxels.dtype}; give a label map of whole numbers 0 to 255")
+        object.__setattr__(self, "labels", LabelMap.of(self.labels, largest=LARGEST_LABEL))
         tissues = {
             int(label): tissue if isinstance(tissue, AcousticTissue) else _named(int(label), tissue)
             for label, tissue in self.tissues.items()

@@ -1,0 +1,62 @@
+"""The one reader of label maps, and the file of their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..label_map import LARGEST, LabelMap
+from .volumes import read_volume, suffix_of
+
+
+def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
+    """Read a label map.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file :func:`~sonospline.io.volumes.read_volume` reads, of whole numbers: stored as integers, or as
+        anything that is within 1e-3 of one once the file's scale is applied.
+    largest : int, default: 65535
+        Largest label allowed.
+
+    Raises
+    ------
+    ValueError
+        A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``.
+    """
+    return LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+
+
+def names_beside(path: str | Path) -> Path:
+    """Return where the names of a label map's labels are by default: beside it, its name with ``.csv`` for its suffix.
+
+    Raises
+    ------
+    ValueError
+        A path that is no image's.
+
+    Examples
+    --------
+    >>> from sonospline.io.labels import names_beside
+    >>> names_beside("patient.01.nii.gz").name
+    'patient.01.csv'
+    """
+    path = Path(path)
+    return path.with_name(path.name[: -len(suffix_of(path))] + ".csv")
+
+
+def names_of(path: str | Path, named: str | Path | None) -> Path:
+    """Return the file of a label map's names: the one given, else the one beside it.
+
+    Raises
+    ------
+    ValueError
+        None was given and none is there.
+    """
+    if named is not None:
+        return Path(named)
+    beside = names_beside(path)
+    if beside.exists():
+        return beside
+    inside = " (the segment names in a .seg.nrrd are not read)" if str(path).lower().endswith(".seg.nrrd") else ""
+    raise ValueError(f"labels = {str(path)!r} has no {beside.name} beside it; give the names of its labels{inside}")
