@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _validate
+from . import _core, _definite, _validate
 from .field import Field, Method
 from .grid import Grid
 from .grid_field import GridField
@@ -22,6 +22,9 @@ _BLOCK = 60_000
 """Pairs of points and centres held at once: few enough to stay in the cache."""
 _NODES_PER_WIDTH = 2.5
 """Of the lattice a field is kept on: cubics between them are good to 3e-4 of the peak."""
+_MOST_ENERGY = 2.0
+"""Of a shaft's forces, in that of one force that moves its place by the drag, for each width of the shaft and one
+more; poses of the default kernel need 1.6. A displacement is at most the root of energy times compliance."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,11 @@ class Kelvinlet:
         if ratio >= 0.5:
             raise ValueError(f"poissons_ratio = {ratio:g} is out of range; give less than 0.5, e.g. 0.45")
         object.__setattr__(self, "width", _validate.number("width", self.width, positive=True))
+
+    @property
+    def compliance(self) -> float:
+        """Displacement where a unit force acts, K(0)."""
+        return float(self._radial(np.zeros(1))[0][0])
 
     def matrix(self, points: Array, centres: Array) -> Array:
         """Return K(p_i - c_j) as a (3m, 3n) matrix, components of a point together."""
@@ -178,6 +186,13 @@ DRAG = 0.0279
 class KelvinletInsertion(NeedleInsertion):
     """A needle insertion into homogeneous tissue without a mesh: landmarks on the axis, zeros on the faces.
 
+    Tissue nearer to a pinned face than the kernel's width follows the needle less, in
+    proportion to its distance: at the face, where it is held, not at all. With the kernel of
+    :meth:`DragModel.kelvinlet` no tissue moves by more than 1.2 times the drag; a kernel may be so
+    wide that its forces would fight the anchors, and their energy is limited to twice that of a
+    force for every width of the shaft, which keeps displacements below
+    drag sqrt(2 (1 + depth / width)).
+
     Parameters
     ----------
     tissue : Tissue
@@ -186,6 +201,11 @@ class KelvinletInsertion(NeedleInsertion):
         Its effect; by default :meth:`DragModel.kelvinlet` of the grid's side.
     anchors : int, default: 7
         Anchors along each side of a pinned face: 7 x 7 a face are 193 on a cube.
+
+    Raises
+    ------
+    ValueError
+        Anchors so much nearer to one another than the kernel is wide that their forces cannot be told apart.
 
     Examples
     --------
@@ -197,14 +217,17 @@ class KelvinletInsertion(NeedleInsertion):
     """
 
     def __init__(self, tissue: Tissue, model: DragModel | None = None, *, anchors: int = 7) -> None:
-        from scipy.linalg import cho_factor
-
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
         self.tissue = tissue
         self.model = DragModel.kelvinlet(tissue.grid.side) if model is None else model
         self.anchors = select_anchors(tissue, _validate.count("anchors", anchors, least=2))
-        self._factor = cho_factor(self.model.kernel.matrix(self.anchors, self.anchors), lower=True)
+        self._factor, condition = _definite.factor(self.model.kernel.matrix(self.anchors, self.anchors))
+        if condition < _definite.SMALLEST_CONDITION:
+            raise ValueError(
+                f"anchors = {anchors} along each side are too near to one another for the kernel's width = "
+                f"{self.model.kernel.width:g} (reciprocal condition {condition:.1e}); give fewer, or a narrower kernel"
+            )
         extent = tissue.grid.extent
         cells = np.ceil(extent * _NODES_PER_WIDTH / self.model.kernel.width).astype(int) + 1
         self._lattice = Grid(
@@ -237,15 +260,17 @@ class KelvinletInsertion(NeedleInsertion):
 
     def solve(self, needle: Needle) -> KelvinletField:
         """Return the exact sum of Kelvinlets for a pose."""
-        from scipy.linalg import cho_solve, solve
+        from scipy.linalg import cho_solve
 
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
         kernel = self.model.kernel
         shaft = needle.at(np.linspace(0, 1, int(np.ceil(needle.depth / self.model.spacing)) + 1))
-        wanted = np.tile(self.model.drag * needle.direction, len(shaft))
+        follows = np.minimum(self.tissue.distance_to_pinned(shaft) / kernel.width, 1.0)
+        wanted = np.outer(follows, self.model.drag * needle.direction).ravel()
         # Anchors do not move: they leave the system by a Schur complement, their factor is kept.
         across = kernel.matrix(self.anchors, shaft)
-        answer = cho_solve(self._factor, across)
-        on_shaft = solve(kernel.matrix(shaft, shaft) - across.T @ answer, wanted, assume_a="sym")
+        answer = cho_solve((self._factor, True), across)
+        most = _MOST_ENERGY * (1 + needle.depth / kernel.width) * self.model.drag**2 / kernel.compliance
+        on_shaft = _definite.solve(kernel.matrix(shaft, shaft) - across.T @ answer, wanted, most=most)
         forces = np.concatenate([-answer @ on_shaft, on_shaft]).reshape(-1, 3)
         return KelvinletField(kernel, np.concatenate([self.anchors, shaft]), forces, self.tissue.grid)

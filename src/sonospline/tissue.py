@@ -51,6 +51,13 @@ class Tissue:
         """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
         return self.grid.on_faces(self.pinned_faces)
 
+    def distance_to_pinned(self, points: Array) -> Array:
+        """Return the distance (m,) of world points (m, 3) in the box to the nearest pinned face."""
+        local = self.grid.local(points)
+        from_both = np.stack([local, self.grid.extent - local], axis=-1).reshape(-1, 6)
+        pinned = [face in self.pinned_faces for face in FACES]
+        return np.maximum(from_both[:, pinned].min(axis=1), 0.0)
+
     def check_inside(self, **points: Array) -> None:
         """Raise ValueError for the first of the named world points that lies outside the tissue."""
         inside = self.grid.contains(np.array(list(points.values())))
