@@ -23,12 +23,50 @@ MOVED = "Number(document.querySelector('#read-moved').dataset.value)"
 STATUS = "document.body.dataset.status"
 
 REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
-PATIENCE_S = 180.0
+PATIENCE_S = float(os.environ.get("SONOSPLINE_PATIENCE_S", "180"))
 """Machines are shared: a page that is slow is not a page that is wrong."""
 
 # Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster
 # than through a simulated card. The 3-D view keeps its WebGL.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
+
+# A link whose messages can be held back, which knows what was asked for and what was shown.
+LINK = """
+window.link = {delay: 0, held: null, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null, frame: 0, frames: 0, mute: false};
+const Native = WebSocket;
+window.WebSocket = class extends Native {
+    set onmessage(handler) {
+        const take = (event) => {
+            if (event.data instanceof ArrayBuffer && new DataView(event.data).getUint32(0, true) === 1) {
+                const length = new DataView(event.data).getUint32(4, true);
+                const {seq, state, frame} = JSON.parse(new TextDecoder().decode(new Uint8Array(event.data, 8, length)));
+                Object.assign(link, {answered: seq, shown: state.needle.depth, frame});
+            }
+            handler(event);
+        };
+        super.onmessage = handler && ((event) => {
+            const binary = event.data instanceof ArrayBuffer;
+            if (link.mute || (link.held && binary)) link.held?.push(() => take(event));
+            else if (link.delay) setTimeout(take, link.delay, event);
+            else take(event);
+        });
+    }
+    send(text) {
+        const {type, seq, needle} = JSON.parse(text);
+        if (type === "state") {
+            link.seq = seq;
+            link.asked.push(needle.depth);
+            link.lead = Math.max(link.lead, Math.abs(needle.depth - link.shown));
+        }
+        super.send(text);
+    }
+};
+link.hold = () => { link.held = []; };
+link.go = () => { const late = link.held; link.held = null; for (const take of late) take(); };
+window.addEventListener("keyup", () => { link.released = link.shown; }, true);
+const count = () => { link.frames += 1; requestAnimationFrame(count); };
+requestAnimationFrame(count);
+"""
 
 PAD = """
 window.pad = {id: "stub", index: 0, connected: true, mapping: "standard", timestamp: 0, axes: [0, 0, 0, 0],
@@ -78,14 +116,24 @@ class Driver:
     """A page, what it requested, what it complained of, and the frames it was sent."""
 
     def __init__(
-        self, browser, address, *, size=(1440, 900), touch=False, listen=False, query="", without=None, **wanted
+        self,
+        browser,
+        address,
+        *,
+        size=(1440, 900),
+        touch=False,
+        listen=False,
+        query="",
+        without=None,
+        script="",
+        **wanted,
     ):
         width, height = size
         asked = {"reduced_motion": "reduce", **wanted}
         self.context = browser.new_context(
             viewport={"width": width, "height": height}, has_touch=touch, is_mobile=touch, **asked
         )
-        self.context.add_init_script(PAD)
+        self.context.add_init_script(PAD + script)
         if without:
             self.context.route(without, lambda route: route.abort())
         self.page = self.context.new_page()
@@ -139,6 +187,16 @@ class Driver:
         self.page.keyboard.down(key)
         self.until(until)
         self.page.keyboard.up(key)
+
+    def passed(self, frames):
+        """Wait for so many animation frames."""
+        since = self.evaluate("link.frames")
+        self.until(f"link.frames > {since + frames}")
+
+    def answered(self):
+        """Wait until what was asked for last is shown."""
+        shown = "Number(document.querySelector('canvas.picture').dataset.frame) >= link.frame"
+        self.until(f"link.seq === link.answered && {shown}")
 
     def settled(self):
         """Wait until the read-outs have stood still for half a second."""

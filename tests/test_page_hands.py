@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from page_driver import DEPTH, SIZES, STATUS
+from page_driver import DEPTH, LINK, SIZES, STATUS
 
 pytest_plugins = ["page_fixtures"]
 
@@ -23,7 +23,8 @@ def test_a_tap_is_one_step_and_slow_is_a_fifth_of_it(drive):
     keys.press("KeyX")
     assert (driver.knob("sweep"), driver.knob("rotate"), driver.knob("fan")) == (0.5, 1, 1)
     keys.press("KeyB")
-    assert (driver.knob("slide"), driver.knob("sweep"), driver.knob("rotate")) == (0, 0, 0)
+    for axis in ("slide", "sweep", "rotate", "fan"):
+        driver.until(knob(axis, "v === 0"))
     depth = driver.knob("depth")
     keys.press("BracketLeft")
     keys.press("Equal")
@@ -47,13 +48,13 @@ def test_the_mouse_turns_the_wheel_drags_the_handle_and_types(drive):
     page.mouse.down()
     for k in range(1, 5):
         page.mouse.move(x + 4 * k * across[0], y + 4 * k * across[1])
+    driver.until(knob("angle", f"Math.abs(v - {angle}) > 1"))
     page.mouse.up()
-    assert driver.knob("angle") != angle
     field = page.locator("[data-axis=sweep]:visible")
     field.fill("3.5")
     field.press("Enter")
     driver.until("document.querySelector('.out-of-plane .note').textContent === 'sweep towards you'")
-    assert driver.value("out-of-plane") > 3
+    driver.until("Number(document.querySelector('#read-out-of-plane').dataset.value) > 3")
     page.get_by_role("button", name="Push").click()
     driver.until(f"{DEPTH} === 2.5")
     assert page.evaluate("document.activeElement.className").startswith("image-pane"), "keys act again"
@@ -114,6 +115,11 @@ def test_a_gamepad_pushes_slides_and_freezes(drive):
     driver.until(f"{STATUS} === 'frozen'")
 
 
+def knob(axis, test):
+    """A question about the value of a stepper."""
+    return f"((v) => {test})(Number(document.querySelector('[data-axis={axis}]').dataset.value))"
+
+
 def middle(driver, selector):
     box = driver.page.locator(selector).first.bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -149,15 +155,20 @@ def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the
     places = under_the_pointer(driver)
     body, ring = places["grab"], places["ew-resize"]
     drag(driver, body[len(body) // 2], (30, 0))
-    slide, sweep = driver.knob("slide"), driver.knob("sweep")
-    assert slide > 5
+    driver.until(knob("slide", "v > 5"))
+    driver.settled()
+    sweep = driver.knob("sweep")
     drag(driver, body[len(body) // 2], (0, -12))
-    assert driver.knob("sweep") - sweep > 3, "up is away"
+    driver.until(knob("sweep", f"v - {sweep} > 3"))  # up is away
     driver.page.get_by_role("button", name="Recentre").first.click()
+    driver.until(knob("sweep", "v === 0"))
+    driver.until(knob("slide", "v === 0"))
     driver.settled()
     assert driver.knob("rotate") == 0
     front = max(ring, key=lambda place: place[1])
     drag(driver, front, (16, 0))
+    driver.until(knob("rotate", "v !== 0"))
+    driver.settled()
     turned = driver.knob("rotate")
     assert -60 < turned < -5, "the ring's front goes with the pointer: anticlockwise, seen from above"
     assert driver.knob("slide") == 0
@@ -170,7 +181,7 @@ def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the
 
 
 def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
-    driver = drive()
+    driver = drive(script=LINK)
     page = driver.page
     rail = page.locator(".track .rail").bounding_box()
     drag(driver, (rail["x"] + 2, rail["y"] + 12), (rail["width"] / 3, 0))
@@ -205,6 +216,7 @@ def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
     slide = driver.knob("slide")
     page.get_by_role("button", name="Slide right", exact=True).first.click()
     assert driver.knob("slide") == slide + 2, "four steps of half a millimetre"
+    driver.answered()
 
     x, y = middle(driver, ".handle .ring")
     page.mouse.dblclick(x + 40, y)
@@ -244,10 +256,6 @@ def test_every_button_of_a_gamepad(drive):
         driver.until(until)
         driver.evaluate(f"window.pad.buttons[{button}] = {{pressed: false, value: 0}}")
         page.wait_for_timeout(60)
-
-    def knob(axis, test):
-        value = f"Number(document.querySelector('[data-axis={axis}]').dataset.value)"
-        return f"((v) => {test})({value})"
 
     depth, angle = driver.knob("depth"), driver.knob("angle")
     press(5, knob("rotate", "v >= 1"))

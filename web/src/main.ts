@@ -3,9 +3,10 @@
 import { Connection, liveAddress } from "./connection";
 import { Desk } from "./desk";
 import { h } from "./dom";
+import { returnFocus } from "./input/focus";
 import { GamepadReader } from "./input/gamepad";
 import { handleInput } from "./input/handle";
-import { listenToKeyboard, returnFocus } from "./input/keyboard";
+import { listenToKeyboard } from "./input/keyboard";
 import { scaleInput } from "./input/scale";
 import { chooseLayout, type Layout } from "./layouts";
 import { Announcer } from "./parts/announce";

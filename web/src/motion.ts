@@ -9,6 +9,8 @@ export const PACE: Record<Pace, number> = { slow: 0.2, normal: 1, fast: 4 };
 export const HOLD_DELAY = 0.25;
 
 interface Held { axis: AxisId; sign: number; age: number; left: number }
+/** `barred`: the way that is at its end until the hand lets go or turns back. */
+interface Driven { axis: AxisId; speed: number; barred: number }
 
 /**
  * Collects what is held (keys, buttons: a step at once, then a rate) and driven (sticks, levers: a speed), and
@@ -19,7 +21,7 @@ export class Motion {
   chosen: Pace = "normal";
   over: Pace | null = null;
   private held = new Map<string, Held>();
-  private driven = new Map<string, { axis: AxisId; speed: number }>();
+  private driven = new Map<string, Driven>();
 
   get pace(): Pace {
     return this.over ?? this.chosen;
@@ -40,7 +42,7 @@ export class Motion {
   /** A stick or lever stands at a speed, in units of the axis' rate; 0 lets go. */
   drive(source: string, axis: AxisId, speed: number): void {
     if (speed === 0) this.driven.delete(source);
-    else this.driven.set(source, { axis, speed });
+    else this.driven.set(source, { axis, speed, barred: this.driven.get(source)?.barred === Math.sign(speed) ? Math.sign(speed) : 0 });
   }
 
   /** Everything stops: blur, hidden tab, lost connection, an unplugged gamepad. */
@@ -53,24 +55,36 @@ export class Motion {
   /** What pushes one way lets go until it is pressed again: a needle at its end must not wind up. */
   stopAxis(axis: AxisId, sign: number): void {
     for (const held of this.held.values()) if (held.axis === axis && held.sign === sign) held.age = -Infinity;
+    for (const driven of this.driven.values()) if (driven.axis === axis) driven.barred = sign;
   }
 
   get moving(): boolean {
     return this.held.size > 0 || this.driven.size > 0;
   }
 
+  /** Axes that move by themselves, beyond the first step of a tap. */
+  get steady(): Set<AxisId> {
+    const held = [...this.held.values()].filter(({ age }) => age > HOLD_DELAY);
+    return new Set([...held, ...this.driven.values()].map(({ axis }) => axis));
+  }
+
   /** What moved in the last `seconds`. */
   advance(seconds: number): Increment[] {
     const out: Increment[] = [];
+    const ways = new Set<string>();
     for (const held of this.held.values()) {
       const before = held.age;
       held.age += seconds;
       const active = held.age - Math.max(before, HOLD_DELAY);
-      if (active <= 0) continue;
+      // a key and a button that push the same way push no faster than one
+      const way = `${held.axis} ${held.sign}`;
+      if (active <= 0 || ways.has(way)) continue;
+      ways.add(way);
       const by = held.sign * AXES[held.axis].rate * active * this.factor(held.axis);
       out.push({ axis: held.axis, by: AXES[held.axis].setting ? this.whole(held, by) : by });
     }
-    for (const { axis, speed } of this.driven.values()) {
+    for (const { axis, speed, barred } of this.driven.values()) {
+      if (Math.sign(speed) === barred) continue;
       out.push({ axis, by: speed * AXES[axis].rate * seconds * this.factor(axis) });
     }
     return out.filter((increment) => increment.by !== 0);

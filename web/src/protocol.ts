@@ -74,6 +74,8 @@ export interface Refused {
   seq?: number;
 }
 export interface Notice { type: "notice"; level: "caution" | "fault"; message: string }
+/** Why a needle is not where it was asked to be. */
+export type Blocked = "end of needle" | "leaves the tissue" | "needle inside";
 export type ServerText =
   | Hello
   | Loading
@@ -81,7 +83,8 @@ export type ServerText =
   | Refused
   | Notice
   | { type: "target"; id: string }
-  | { type: "model"; model: string };
+  | { type: "model"; model: string }
+  | { type: "pong" };
 
 export type ClientText =
   | ({ type: "state"; seq: number } & State)
@@ -93,7 +96,8 @@ export type ClientText =
   | { type: "undo_pass" }
   | { type: "reset" }
   | { type: "restore" }
-  | { type: "view"; grid: boolean; ahead: 0 | 1 };
+  | { type: "view"; grid: boolean; ahead: 0 | 1 }
+  | { type: "ping" };
 
 export interface Readouts {
   tip_to_target: number | null;
@@ -114,11 +118,13 @@ export interface FrameHeader {
   image_to_reference: Vec;
   probe_to_reference: Vec;
   state: State;
-  blocked: string | null;
+  blocked: Blocked | null;
   needle: { entry: Vec; tip: Vec; direction: Vec };
   target: { id: string; now: Vec; rest: Vec } | null;
   readouts: Readouts;
   pass: { time_s: number; passes: number; tip_path_mm: number; max_off_plane_mm: number };
+  /** Which model answered. */
+  model: string;
   server_ms: number;
   step_ms: number;
   render_ms: number;

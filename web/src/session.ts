@@ -3,15 +3,19 @@
 import { put, read, type AxisId } from "./axes";
 import { Connection, type Loss } from "./connection";
 import { Meter } from "./latency";
+import { bounded, letGo } from "./lead";
 import type { Frame, Geometry, Hello, Loading, Notice, Refused, Scene, ServerText, State } from "./protocol";
 import { Signal } from "./signal";
-import { adopt, same } from "./wish";
+import { adopt, limited, same } from "./wish";
 
 export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
 
-/** ms without a sign of life before the image counts as lost, and before the socket is given up. */
+/** ms without a sign of life before one is asked for, before the image counts as lost, before the socket is given up. */
+const QUIET = 1000;
 const SILENT = 3000;
 const DEAD = 10000;
+/** ms without an image after which a server that is there is said to be at work. */
+const BUSY = 1500;
 /** ms between two looks at the clock that mean the page stood still. */
 const HELD_UP = 500;
 /** At most this many ms apart: the server takes 240 messages a second. */
@@ -40,6 +44,8 @@ export class Session {
   readonly arrived = new Signal<void>();
   readonly drawn = new Signal<Frame>();
   readonly wished = new Signal<State>();
+  /** The server did not follow an axis that was going this way. */
+  readonly limited = new Signal<readonly [AxisId, 1 | -1]>();
   readonly modelChanged = new Signal<string>();
   readonly targetChanged = new Signal<string>();
   readonly statusChanged = new Signal<Status>();
@@ -47,11 +53,16 @@ export class Session {
   readonly noticed = new Signal<Notice>();
 
   private pending: Frame[] = [];
+  /** The newest frame that came before the pose asked for: its positions still count. */
+  private early: Frame | null = null;
+  /** Frames with a smaller number show another pose than the one the page goes on with. */
+  private awaited = 0;
   private seq = 0;
   private sent = new Map<number, State>();
   private lastSent: State | null = null;
   private lastSentAt = -Infinity;
   private lastHeard = 0;
+  private pingedAt = 0;
   private watchedAt = 0;
   private wantsGrid = false;
   private ahead: 0 | 1 = 1;
@@ -69,29 +80,53 @@ export class Session {
     link.broken.on((message) => this.noticed.emit({ type: "notice", level: "fault", message }));
   }
 
-  /** Whether hands move anything: not while frozen, loading or lost. */
+  /** Whether hands move anything: not while frozen, loading or lost, nor before there is a picture to steer by. */
   get answers(): boolean {
-    return this.status === "live" && this.wish !== null;
+    return this.status === "live" && this.wish !== null && this.frame !== null;
+  }
+
+  /** Whether the picture and its numbers are of what is chosen: after a switch they come a moment later. */
+  get agrees(): boolean {
+    const header = this.frame?.header;
+    if (!header) return false;
+    return this.status === "frozen" || (header.model === this.model && (header.target?.id ?? this.target) === this.target);
+  }
+
+  /** ms since the last image where the server is there but at work; null where all is well. */
+  busyFor(now: number): number | null {
+    const late = now - this.lastDrawnAt;
+    return this.status === "live" && late > BUSY ? late : null;
   }
 
   value(id: AxisId): number {
     return this.wish ? read(this.wish, id) : 0;
   }
 
-  nudge(id: AxisId, by: number): void {
-    if (this.wish) this.setAxis(id, read(this.wish, id) + by);
+  /** What the picture shows. */
+  shown(id: AxisId): number {
+    return this.frame ? read(this.frame.header.state, id) : this.value(id);
   }
 
+  /** Move an axis, never further than its lead beyond what is shown. */
+  nudge(id: AxisId, by: number): void {
+    this.ask(id, bounded(id, this.value(id), by, this.shown(id)));
+  }
+
+  /** A setting goes to a value at once; what moves goes as far as its lead. */
   setAxis(id: AxisId, value: number): void {
+    this.nudge(id, value - this.value(id));
+  }
+
+  /** The hand let go: what it asked for ahead of the picture is taken back, but for one tap. */
+  letGo(id: AxisId, pace: number): void {
+    this.ask(id, letGo(id, this.value(id), this.shown(id), pace));
+  }
+
+  private ask(id: AxisId, value: number): void {
     if (!this.answers || !this.wish || !this.scene || !Number.isFinite(value)) return;
     // while the needle is in, its entry is where it went in
     if ((id === "along" || id === "across") && this.wish.needle.depth > 0) return;
     this.want(put(this.wish, id, value, this.scene.limits));
-  }
-
-  /** Probe back to where the scene put it. */
-  recentre(): void {
-    if (this.answers && this.wish && this.scene) this.want({ ...this.wish, probe: this.scene.state.probe });
   }
 
   toggleFreeze(): void {
@@ -117,13 +152,17 @@ export class Session {
     this.link.send({ type: "open_scene", name, text });
   }
 
+  /** The hand is where the command puts the needle, at once: a push before its frame comes must not put it back in. */
   undoPass(): void {
-    if (this.answers) this.link.send({ type: "undo_pass" });
+    if (!this.answers || !this.wish) return;
+    this.link.send({ type: "undo_pass" });
+    this.want({ ...this.wish, needle: { ...this.wish.needle, depth: 0 } });
   }
 
   reset(): void {
     if (this.status === "frozen") this.toggleFreeze();
     this.link.send({ type: "reset" });
+    if (this.wish && this.scene) this.want(this.scene.state);
   }
 
   restore(): void {
@@ -168,13 +207,14 @@ export class Session {
     if (newest) {
       this.pending = [];
       // positions come only when they change: those of a frame that is skipped still count
-      const moved = arrived.findLast((frame) => frame.positions !== null);
+      const moved = [this.early, ...arrived].findLast((frame) => frame && frame.positions !== null);
       if (moved && newest !== moved) {
         newest.positions = moved.positions;
         newest.header.mesh = moved.header.mesh;
         newest.header.grid = moved.header.grid;
       }
-      this.take(newest, now);
+      this.early = newest.header.seq < this.awaited ? newest : null;
+      if (!this.early) this.take(newest, now);
       for (const frame of arrived) this.link.send({ type: "drawn", frame: frame.header.frame });
     }
     this.watch(now);
@@ -196,6 +236,7 @@ export class Session {
     for (const old of this.sent.keys()) if (old < seq) this.sent.delete(old);
     if (!this.wish || !sent) return;
     const next = adopt(this.wish, sent, force);
+    for (const axis of limited(sent, force)) this.limited.emit(axis);
     // what is in force is what this number stands for from now on
     this.sent.set(seq, force);
     if (same(next, this.wish)) return;
@@ -233,6 +274,8 @@ export class Session {
         return this.refuse(message);
       case "notice":
         return this.noticed.emit(message);
+      case "pong":
+        return;
     }
   }
 
@@ -242,8 +285,9 @@ export class Session {
     this.scene = scene;
     this.model = scene.model;
     this.target = scene.target;
-    this.frame = null;
+    this.frame = this.early = null;
     this.pending = [];
+    this.setStatus("loading");
     this.wish = this.kept && again ? { ...again, frozen: false } : scene.state;
     this.lastSent = scene.state;
     this.sent.clear();
@@ -254,6 +298,8 @@ export class Session {
     this.tellView();
     this.kept = false;
     this.flush(performance.now());
+    // until the server is where the hand was, its numbers are of another pose
+    this.awaited = this.seq;
   }
 
   /** After a lost connection the same scene goes on where the hand was. */
@@ -261,7 +307,7 @@ export class Session {
 
   private restart(): void {
     this.kept = this.wish !== null;
-    this.seq = 0;
+    this.seq = this.awaited = 0;
     this.lastSentAt = -Infinity;
     this.sent.clear();
     this.meter.clear();
@@ -270,8 +316,9 @@ export class Session {
   }
 
   private refuse(message: Refused): void {
-    if (message.what === "state" && this.wish && this.frame) {
-      this.wish = this.frame.header.state;
+    if (message.what === "state" && this.wish && this.scene) {
+      this.awaited = 0;
+      this.wish = this.frame?.header.state ?? this.scene.state;
       this.lastSent = this.wish;
       this.wished.emit(this.wish);
     }
@@ -292,8 +339,13 @@ export class Session {
       if (document.hidden) this.lastHeard = now;
       if (this.status !== "lost" || !this.link.isOpen) return;
     }
-    if (now - this.lastHeard > DEAD) this.link.abandon("no answer");
-    else if (now - this.lastHeard > SILENT && this.status === "live") {
+    const silent = now - this.lastHeard;
+    if (silent > QUIET && now - this.pingedAt > QUIET) {
+      this.pingedAt = now;
+      this.link.send({ type: "ping" });
+    }
+    if (silent > DEAD) this.link.abandon("no answer");
+    else if (silent > SILENT && this.status === "live") {
       this.loss = { attempt: 0, nextAt: this.lastHeard + DEAD, reason: "no answer" };
       this.setStatus("lost");
     }

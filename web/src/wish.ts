@@ -1,5 +1,6 @@
 /** What the hand wants, against what the server could do. */
 
+import { AXES, read, type AxisId } from "./axes";
 import type { State } from "./protocol";
 
 type Part = Record<string, number>;
@@ -24,6 +25,14 @@ export function adopt(wish: State, sent: State, force: State): State {
     if (Object.keys(changed).length > 0) next = { ...next, [group]: { ...next[group], ...changed } };
   }
   return sent.frozen === force.frozen ? next : { ...next, frozen: force.frozen };
+}
+
+/** Which axes the server did not follow, and which way they were going. */
+export function limited(sent: State, force: State): [AxisId, 1 | -1][] {
+  return (Object.keys(AXES) as AxisId[]).flatMap((id): [AxisId, 1 | -1][] => {
+    const beyond = read(sent, id) - read(force, id);
+    return Math.abs(beyond) > SAME ? [[id, beyond > 0 ? 1 : -1]] : [];
+  });
 }
 
 export function same(a: State, b: State): boolean {

@@ -2,7 +2,8 @@
 
 export interface Drag {
   move(dx: number, dy: number, event: PointerEvent): void;
-  end?(): void;
+  /** `cancelled`: taken away by the system rather than let go. */
+  end?(cancelled: boolean): void;
 }
 
 export function draggable(element: Element, start: (event: PointerEvent) => Drag | null): void {
@@ -21,7 +22,7 @@ export function draggable(element: Element, start: (event: PointerEvent) => Drag
       if ((event as PointerEvent).pointerId !== first.pointerId) return;
       element.removeEventListener("pointermove", move);
       for (const name of ENDS) element.removeEventListener(name, end);
-      drag.end?.();
+      drag.end?.(event.type !== "pointerup");
     };
     element.addEventListener("pointermove", move);
     for (const name of ENDS) element.addEventListener(name, end);

@@ -30,20 +30,22 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
     const [depth, angle, entry] = [session.value("push"), session.value("angle"), session.value("along")];
     let mode: "along" | "sideways" | null = null;
     pane.element.classList.add("dragging");
+    // needle and handle follow the pointer, no faster than the picture
     return {
       move: (dx, dy) => {
         const along = dx * axis[0] + dy * axis[1];
         const sideways = -dx * axis[1] + dy * axis[0];
         if (!mode && Math.hypot(dx, dy) > DECIDE) mode = Math.abs(along) >= Math.abs(sideways) ? "along" : "sideways";
         const pace = PACE[desk.motion.pace];
-        if (desk.switches.placing) session.setAxis("along", entry + dx / map.scale);
+        if (desk.switches.placing) desk.goTo("along", entry + dx / map.scale, "fast");
         else if (mode === "along") {
-          session.setAxis("push", depth + (along / map.scale) * pace);
-          pane.slid = session.value("push") - depth;
-        } else if (mode === "sideways") session.setAxis("angle", angle - sideways * DEGREES_PER_PX * pace);
+          pane.grabbedAt = depth;
+          desk.goTo("push", depth + (along / map.scale) * pace, "fast");
+        } else if (mode === "sideways") desk.goTo("angle", angle - sideways * DEGREES_PER_PX * pace, "fast");
       },
       end: () => {
-        pane.slid = 0;
+        for (const axis of ["push", "angle", "along"] as const) desk.halt(axis);
+        pane.grabbedAt = null;
         lastUp = mode === null ? performance.now() : 0;
         pane.element.classList.remove("dragging");
         pane.refresh();
@@ -57,7 +59,7 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
       if (event.ctrlKey || !session.answers) return;
       event.preventDefault();
       const notches = (event.deltaMode === 0 ? event.deltaY : event.deltaY * 33) / NOTCH;
-      session.nudge("push", notches * AXES.push.step * PACE[desk.motion.pace]);
+      desk.nudge("push", notches * AXES.push.step * PACE[desk.motion.pace]);
     },
     { passive: false },
   );
@@ -67,6 +69,6 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
     const u = pane.skinAt(event.clientX, event.clientY);
     if (u === null || !session.answers || pane.handle.contains(event.target as Node)) return;
     if (!desk.switches.placing) desk.run("entry");
-    session.setAxis("along", u);
+    desk.goTo("along", u, "fast");
   });
 }

@@ -38,5 +38,7 @@ export function holdable(button: HTMLElement, desk: Desk, axis: AxisId, sign: 1 
     }
     handled = false;
   });
+  // the image keeps the focus, so that the other hand's keys act meanwhile
+  button.addEventListener("mousedown", (event) => event.preventDefault());
   button.addEventListener("contextmenu", (event) => event.preventDefault());
 }

@@ -5,6 +5,7 @@ import { KEYS } from "../keys";
 
 export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
   const paces = new Set<string>();
+  const held = new Set<string>();
 
   image.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
@@ -12,8 +13,10 @@ export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
     if (!binding || event.target !== image) return;
     event.preventDefault();
     if (event.repeat) return;
-    if (binding.does === "axis") desk.press(event.code, binding.axis, binding.sign);
-    else if (binding.does === "command") desk.run(binding.command);
+    if (binding.does === "axis") {
+      held.add(event.code);
+      desk.press(event.code, binding.axis, binding.sign);
+    } else if (binding.does === "command") desk.run(binding.command);
     else {
       paces.add(event.code);
       desk.holdPace(binding.pace);
@@ -33,27 +36,23 @@ export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
   window.addEventListener("pointerdown", () => document.body.classList.remove("tabbing"), true);
 
   window.addEventListener("keyup", (event) => {
+    held.delete(event.code);
     desk.release(event.code);
     if (paces.delete(event.code) && paces.size === 0) desk.holdPace(null);
   });
 
   const stop = () => {
+    held.clear();
     paces.clear();
     desk.stop();
   };
   window.addEventListener("blur", stop);
-  image.addEventListener("blur", stop);
-  document.addEventListener("visibilitychange", stop);
-}
-
-/** After a pointer was used elsewhere the image has the focus again; widgets that are typed in keep it. */
-export function returnFocus(image: HTMLElement): void {
-  document.addEventListener("pointerup", (event) => {
-    const at = event.target as HTMLElement;
-    if (at.closest("input, dialog, [role=menu], [role=alertdialog], .sheet")) return;
-    window.setTimeout(() => {
-      const now = document.activeElement;
-      if (!now?.closest("input, dialog, [role=menu], [role=alertdialog]")) image.focus({ preventScroll: true });
-    });
+  // keys come up elsewhere; what a pointer holds or has set as a goal took the focus and goes on
+  image.addEventListener("blur", () => {
+    for (const code of held) desk.release(code);
+    held.clear();
+    paces.clear();
+    desk.holdPace(null);
   });
+  document.addEventListener("visibilitychange", stop);
 }

@@ -33,8 +33,8 @@ export class ImagePane {
   readonly element: HTMLElement;
   readonly ruler = new Ruler();
   mapping: Mapping | null = null;
-  /** mm a drag has carried the handle along its axis. */
-  slid = 0;
+  /** Depth at which a drag along the needle took hold of the handle, which then goes with the needle. */
+  grabbedAt: number | null = null;
   private layout: Layout = "desktop";
   private size = { width: 0, height: 0 };
   private view: Sector | null = null;
@@ -167,7 +167,8 @@ export class ImagePane {
     const { mapping, view } = this;
     const { frame, scene } = this.session;
     if (!mapping || !view || !frame || !scene) return;
-    this.handleAt = this.marks.drawHandle(mapping, view, frame.header, scene, wish.needle, this.slid);
+    const slid = this.grabbedAt === null ? 0 : wish.needle.depth - this.grabbedAt;
+    this.handleAt = this.marks.drawHandle(mapping, view, frame.header, scene, wish.needle, slid);
     this.ruler.draw(mapping, faceOrigin(frame.header)[1], frame.header.state.image.depth, wish.image.focus);
   }
 

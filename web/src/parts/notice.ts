@@ -3,13 +3,17 @@
 import type { Desk } from "../desk";
 import { h, write } from "../dom";
 import { icon, type IconName } from "../icons";
+import type { Blocked } from "../protocol";
 import type { Header } from "./header";
 
 interface Entry { kind: "plain" | "caution" | "fault"; picture: IconName; title: string; text: string; undo?: boolean; close?: boolean }
 
 const EVERY = 100;
-const BLOCKED: Record<string, string> = {
-  "end of needle": "End of needle", "leaves the tissue": "Leaves the tissue", "needle inside": "Needle inside",
+/** What is limited, and by what. */
+const BLOCKED: Record<Blocked, readonly [string, string]> = {
+  "end of needle": ["End of needle", "All of it is in"],
+  "leaves the tissue": ["Leaves the tissue", "The needle stops here"],
+  "needle inside": ["Turns no further", "The tissue holds the needle: pull it out to turn it more"],
 };
 /** ms a refusal and a block stay after their cause has gone. */
 const LINGER = 4000;
@@ -24,7 +28,7 @@ export class NoticePart {
   readonly element = h("div", { class: "notice", hidden: true }, h("p", { class: "title" }, this.place, this.title), h("p", {}, this.text), this.undo, this.close);
   private fault: { message: string } | null = null;
   private caution: { message: string; until: number } | null = null;
-  private blocked: { word: string; until: number } | null = null;
+  private blocked: { title: string; text: string; until: number } | null = null;
   private shownAt = -Infinity;
 
   constructor(
@@ -45,7 +49,9 @@ export class NoticePart {
       if (what !== "scene" && what !== "open_scene") this.caution = { message, until: performance.now() + LINGER };
     });
     session.drawn.on(({ header: { blocked } }) => {
-      if (blocked) this.blocked = { word: BLOCKED[blocked] ?? blocked, until: performance.now() + BLOCK_LINGER };
+      if (!blocked) return;
+      const [title, text] = BLOCKED[blocked] ?? [blocked, ""];
+      this.blocked = { title, text, until: performance.now() + BLOCK_LINGER };
     });
     session.sceneReady.on(() => {
       this.fault = this.caution = this.blocked = null;
@@ -76,9 +82,11 @@ export class NoticePart {
     if (this.fault) return { kind: "fault", picture: "warning", title: "Fault", text: this.fault.message, close: true };
     if (session.status === "frozen") return { kind: "plain", picture: "freeze", title: "Frozen", text: "Space or Freeze to go on" };
     if (now < restoreUntil) return { kind: "plain", picture: "clockwise", title: "Reset", text: `can be undone for ${Math.ceil((restoreUntil - now) / 1000)} s`, undo: true };
-    if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.word, text: "The needle stops here" };
+    if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.title, text: this.blocked.text };
     if (this.caution && now < this.caution.until) return { kind: "caution", picture: "warning", title: "Not done", text: this.caution.message };
     if (switches.placing) return { kind: "plain", picture: "entry", title: "New entry", text: "Left, right: along the skin. Push to go in" };
+    const late = session.busyFor(now);
+    if (late !== null) return { kind: "caution", picture: "warning", title: "Busy", text: `The server is at work; the image is ${(late / 1000).toFixed(0)} s old` };
     const latency = this.header.latencyNow;
     if (this.header.slow.on && latency !== null) return { kind: "caution", picture: "warning", title: "Slow", text: `Image is ${latency.toFixed(0)} ms behind your hand` };
     return null;

@@ -2,6 +2,7 @@
 
 import { h, write } from "../dom";
 import { icon } from "../icons";
+import { DONE } from "../input/focus";
 import type { Session } from "../session";
 
 /** The server takes messages of 64 KiB. */
@@ -25,9 +26,13 @@ export function scenePicker(session: Session): HTMLElement {
     if (menu.hidden) return;
     menu.hidden = true;
     button.setAttribute("aria-expanded", "false");
-    if (focus) button.focus();
+    if (focus && pointed) root.dispatchEvent(new Event(DONE, { bubbles: true }));
+    else if (focus) button.focus();
   };
-  const open = () => {
+  /** Whether a pointer opened the menu: then the image has the focus when it closes. */
+  let pointed = false;
+  const open = (byPointer: boolean) => {
+    pointed = byPointer;
     menu.replaceChildren(...entries());
     menu.hidden = false;
     button.setAttribute("aria-expanded", "true");
@@ -57,11 +62,11 @@ export function scenePicker(session: Session): HTMLElement {
     return all.length < 2 ? [] : all.map((target) => item(`Target: ${target.name}`, "", () => session.chooseTarget(target.id), target.id === session.target));
   };
 
-  button.addEventListener("click", () => (menu.hidden ? open() : close()));
+  button.addEventListener("click", ({ detail }) => (menu.hidden ? open(detail > 0) : close()));
   button.addEventListener("keydown", (event) => {
     if (event.code !== "ArrowDown") return;
     event.preventDefault();
-    open();
+    open(false);
   });
   menu.addEventListener("keydown", (event) => {
     const items = [...menu.children] as HTMLElement[];
@@ -86,7 +91,7 @@ export function scenePicker(session: Session): HTMLElement {
     if (text.length <= LARGEST) return session.openScene(chosen.name, text);
     session.refused.emit({ type: "refused", what: "scene", message: `${text.length} characters are too many for a scene file; give at most ${LARGEST}`, file: chosen.name });
   };
-  root.addEventListener("open-scene-menu", () => open());
+  root.addEventListener("open-scene-menu", () => open(true));
   root.addEventListener("open-scene-file", () => file.click());
 
   session.sceneReady.on((scene) => {

@@ -78,10 +78,10 @@ function lever(desk: Desk): HTMLElement {
   pull.addEventListener("click", () => {
     const now = performance.now();
     if (now - tapped < DOUBLE_TAP) desk.run("skin");
-    else desk.session.nudge("push", -AXES.push.step);
+    else desk.tap("push", -1);
     tapped = now;
   });
-  push.addEventListener("click", () => desk.session.nudge("push", AXES.push.step));
+  push.addEventListener("click", () => desk.tap("push", 1));
   return h("div", { class: "lever" }, pull, h("div", { class: "slot" }, knob), push);
 }
 
@@ -95,7 +95,7 @@ function pad(desk: Desk): HTMLElement {
   };
   const arrows = (["up", "down", "left", "right"] as const).map((side) => {
     const [axis, sign] = { up: ["sweep", 1], down: ["sweep", -1], left: ["slide", -1], right: ["slide", 1] }[side] as [AxisId, 1 | -1];
-    return h("button", { type: "button", class: `arrow ${side}`, "aria-label": sign < 0 ? AXES[axis].down : AXES[axis].up, onclick: () => desk.session.nudge(axis, sign * AXES[axis].step) });
+    return h("button", { type: "button", class: `arrow ${side}`, "aria-label": sign < 0 ? AXES[axis].down : AXES[axis].up, onclick: () => desk.tap(axis, sign) });
   });
   const root = h("div", { class: "pad" }, ...arrows, knob);
   draggable(knob, () => ({

@@ -5,6 +5,7 @@ import type { Desk } from "../desk";
 import { h, toggle } from "../dom";
 import { icon, type IconName } from "../icons";
 import { holdable } from "../input/hold";
+import { DONE } from "../input/focus";
 import { keyOf } from "../keys";
 
 /** Which pictures stand on the two buttons. */
@@ -49,22 +50,27 @@ export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string):
   };
   const take = () => {
     const typed = Number.parseFloat(input.value.replace("\u2212", "-").replace(",", "."));
-    if (Number.isFinite(typed)) session.setAxis(id, typed * spec.shown);
-    input.value = `${show(id, session.value(id))}${unit}`;
+    if (Number.isFinite(typed)) desk.goTo(id, typed * spec.shown, "fast");
+    write();
   };
+  const write = () => (input.value = `${show(id, desk.goal(id) ?? session.value(id))}${unit}`);
+  // who came with a pointer goes back to the image with it; who came with the Tab key stays
+  const done = () => (byPointer ? root.dispatchEvent(new Event(DONE, { bubbles: true })) : input.select());
+  let byPointer = false;
+  input.parentElement?.addEventListener("pointerdown", () => (byPointer = true));
   input.addEventListener("focus", () => input.select());
-  input.addEventListener("blur", refresh);
+  input.addEventListener("blur", () => {
+    byPointer = false;
+    refresh();
+  });
   input.addEventListener("change", take);
   input.addEventListener("keydown", (event) => {
     const sign = { ArrowUp: 1, ArrowDown: -1 }[event.code];
-    if (sign) session.nudge(id, sign * spec.step);
-    if (event.code === "Escape") input.value = `${show(id, session.value(id))}${unit}`;
-    if (sign) input.value = `${show(id, session.value(id))}${unit}`;
+    if (sign) desk.tap(id, sign);
+    if (sign || event.code === "Escape") write();
     if (sign || event.code === "Enter" || event.code === "Escape") event.preventDefault();
-    if (event.code === "Enter") {
-      take();
-      input.select();
-    }
+    if (event.code === "Enter") take();
+    if (event.code === "Enter" || event.code === "Escape") done();
   });
   session.wished.on(refresh);
   session.sceneReady.on(refresh);

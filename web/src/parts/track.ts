@@ -1,4 +1,4 @@
-/** How far the needle is in: a slider with the target's depth marked. */
+/** How far the needle is in: a slider with the target's depth marked. A place on it is a goal, not a jump. */
 
 import type { Desk } from "../desk";
 import { h, toggle } from "../dom";
@@ -8,24 +8,26 @@ import type { FrameHeader } from "../protocol";
 import { clamp, dot, sub } from "../vec";
 
 const TICK = 10;
+/** mm of a page key. */
+const PAGE = 10;
 
 export function track(desk: Desk): HTMLElement {
   const { session } = desk;
   const fill = h("div", { class: "fill" });
   const knob = h("div", { class: "knob" });
+  const goal = h("div", { class: "goal", hidden: true });
   const pin = h("div", { class: "pin" });
   const ticks = h("div", { class: "ticks" });
-  const rail = h("div", { class: "rail", role: "slider", tabindex: 0, "aria-label": "Insertion depth", "aria-valuemin": 0 }, fill, pin, knob);
+  const rail = h("div", { class: "rail", role: "slider", tabindex: 0, "aria-label": "Insertion depth", "aria-valuemin": 0 }, fill, pin, goal, knob);
   const skin = h("button", { type: "button", class: "skin", "data-command": "skin", "data-hint": "Pull back to the skin", "data-key": keyOf("skin"), onclick: () => desk.run("skin") }, "Skin");
   const end = h("span", { class: "end" });
   const root = h("div", { class: "track" }, h("div", { class: "ends" }, skin, end), rail, ticks);
   const length = () => session.scene?.needle.length_mm ?? 1;
 
+  const place = (depth: number) => `${((100 * clamp(depth, 0, length())) / length()).toFixed(2)}%`;
   const refresh = () => {
     const depth = session.value("push");
-    const share = `${((100 * clamp(depth, 0, length())) / length()).toFixed(2)}%`;
-    fill.style.width = share;
-    knob.style.left = share;
+    fill.style.width = knob.style.left = place(depth);
     rail.setAttribute("aria-valuenow", depth.toFixed(1));
     rail.setAttribute("aria-valuetext", `${depth.toFixed(1)} millimetres`);
     toggle(root, "held", !session.answers);
@@ -33,20 +35,27 @@ export function track(desk: Desk): HTMLElement {
   const mark = ({ target, needle }: FrameHeader) => {
     const depth = target ? dot(sub(target.now, needle.entry), needle.direction) : -1;
     pin.hidden = depth < 0 || depth > length();
-    pin.style.left = `${((100 * depth) / length()).toFixed(2)}%`;
+    pin.style.left = place(depth);
+  };
+  const aim = () => {
+    const depth = desk.goal("push");
+    goal.hidden = depth === null;
+    if (depth !== null) goal.style.left = place(depth);
   };
   const to = (event: PointerEvent) => {
     const box = rail.getBoundingClientRect();
-    session.setAxis("push", (length() * (event.clientX - box.left)) / box.width);
+    desk.goTo("push", (length() * (event.clientX - box.left)) / box.width);
   };
   draggable(rail, (event) => {
     to(event);
-    return { move: (_dx, _dy, moved) => to(moved) };
+    return { move: (_dx, _dy, moved) => to(moved), end: (cancelled) => cancelled && desk.halt("push") };
   });
   rail.addEventListener("keydown", (event) => {
-    const step = { ArrowRight: 0.5, ArrowUp: 0.5, ArrowLeft: -0.5, ArrowDown: -0.5, PageUp: 10, PageDown: -10 }[event.code];
+    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.code];
+    const page = { PageUp: PAGE, PageDown: -PAGE }[event.code];
     if (event.code === "Home") desk.run("skin");
-    else if (step) session.nudge("push", step);
+    else if (step) desk.tap("push", step);
+    else if (page) desk.goTo("push", (desk.goal("push") ?? session.value("push")) + page);
     else return;
     event.preventDefault();
   });
@@ -61,6 +70,7 @@ export function track(desk: Desk): HTMLElement {
     }));
   });
   session.wished.on(refresh);
+  desk.aimed.on(aim);
   session.statusChanged.on(refresh);
   session.drawn.on((frame) => mark(frame.header));
   return root;

@@ -75,7 +75,7 @@ export function dragProbe(view: View3d, desk: Desk): void {
     way.normalize();
     return (event) => {
       const px = (event.clientX - down.clientX) * way.x + (event.clientY - down.clientY) * way.y;
-      session.setAxis("rotate", start + px * pace);
+      desk.goTo("rotate", start + px * pace, "fast");
     };
   };
 
@@ -95,8 +95,8 @@ export function dragProbe(view: View3d, desk: Desk): void {
       const to = caster.ray.intersectPlane(skin, new THREE.Vector3());
       if (!to) return;
       const way = to.sub(from).multiplyScalar(PACE[desk.motion.pace]);
-      session.setAxis("slide", slide + way.dot(right));
-      session.setAxis("sweep", sweep + way.dot(out));
+      desk.goTo("slide", slide + way.dot(right), "fast");
+      desk.goTo("sweep", sweep + way.dot(out), "fast");
     };
   };
 }
