@@ -12,7 +12,6 @@ import pytest
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.simulator.connection import MOST_REFUSALS, Connection
-from sonospline.simulator.guard import Guard
 from sonospline.simulator.library import Library
 from sonospline.simulator.outbox import Outbox
 
@@ -108,57 +107,6 @@ def test_a_scene_from_outside_reads_no_file_elsewhere(page):
     text = 'name = "spy"\n[tissue]\nsource = "volume"\nfile = "../../secret.mha"\n'
     page.send(type="open_scene", name="spy.toml", text=text)
     assert "lies outside the folder the server was started in" in page.text("refused")["message"]
-
-
-@pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}])
-def test_a_foreign_origin_is_turned_away(running, headers):
-    with Client(running, additional_headers=headers) as client:
-        with pytest.raises(websockets.ConnectionClosed) as caught:
-            client.text("hello")
-        assert caught.value.rcvd.code == 1008
-        assert "is not this page" in caught.value.rcvd.reason
-
-
-def test_its_own_origin_is_let_in(running):
-    origin = f"http://127.0.0.1:{running.port}"
-    with Client(running, additional_headers={"Origin": origin}) as client:
-        assert client.text("hello")["protocol"] == 1
-
-
-def test_a_foreign_host_is_turned_away(running):
-    assert running.get("/healthz", Host="evil.example")[0] == 421
-    with socket.create_connection(("127.0.0.1", running.port)) as raw:
-        raw.sendall(
-            b"GET /live HTTP/1.1\r\nHost: evil.example\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-        )
-        raw.settimeout(10)
-        answer = b""
-        with contextlib.suppress(TimeoutError):
-            while b"Host evil.example" not in answer and (some := raw.recv(4096)):
-                answer += some
-    assert b"Host evil.example is not this server" in answer  # the reason in the closing frame
-    assert b"hello" not in answer
-
-
-def test_a_token_is_demanded_where_others_can_reach():
-    with pytest.raises(ValueError, match=r"--host = 0.0.0.0 can be reached by others; give --token"):
-        Guard("0.0.0.0", 80)
-    guard = Guard("0.0.0.0", 80, "long enough")
-    headers = {"host": "myserver:80", "origin": "http://myserver:80"}
-    assert guard.refusal(headers, "long enough") is None
-    assert guard.refusal(headers, None) == "the token is missing or wrong"
-    assert guard.refusal(headers, "wrong enough") == "the token is missing or wrong"
-
-
-def test_a_token_works_over_the_wire():
-    running = Running(token="open sesame")
-    with Client(running) as client, pytest.raises(websockets.ConnectionClosed) as caught:
-        client.text("hello")
-    assert caught.value.rcvd.code == 1008
-    with Client(running, "/live?token=open%20sesame") as client:
-        assert client.text("hello")["protocol"] == 1
-    running.stop()
 
 
 def test_eight_clients_and_one_too_many():

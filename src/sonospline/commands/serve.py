@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import json
 import os
@@ -17,7 +18,7 @@ EXAMPLES = """examples:
   sonospline serve --scene mine.toml
   sonospline serve --labels organs.nii.gz --names organs.csv --entry-face y+
   sonospline serve --volume us.mha
-  sonospline serve --host 0.0.0.0 --token SECRET          # for others on the network; Ctrl-C ends it
+  sonospline serve --host 0.0.0.0 --token "open sesame"   # for others on the network; Ctrl-C ends it
 """
 
 
@@ -60,12 +61,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     with contextlib.suppress(KeyboardInterrupt):  # the way to end it
         server.run(ready)
+    if not server.library.close(within_s=0.0):
+        atexit.register(_leave)
     return {"address": server.address, "scene": server.library.first}
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what to say at the end."""
     return f"ended; {report['scene']} was at {report['address']}"
+
+
+def _leave() -> None:
+    """End the process at once: nobody can stop the making of a scene, and its reader may outlive Python badly."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _library(args: argparse.Namespace) -> Any:

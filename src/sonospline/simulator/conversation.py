@@ -15,11 +15,16 @@ UNREAD_S = 15.0
 """How long one message may take to be read."""
 _GOODBYE_S = 2.0
 _IDLE_CHECK_S = 1.0
+_SOCKET_CHECK_S = 0.5
 
 
-async def converse(websocket: Any, connection: Connection, outbox: Outbox, *, idle_s: float) -> None:
-    """Take, send and watch the clock, until one of them ends or the client is to be hung up on."""
-    work = _take(websocket, connection), _send(websocket, outbox), _watch_idleness(connection, idle_s)
+async def converse(
+    websocket: Any, connection: Connection, outbox: Outbox, transport: asyncio.Transport | None, *, idle_s: float
+) -> None:
+    """Take, send and watch, until one of them ends or the client is to be hung up on."""
+    work = [_take(websocket, connection), _send(websocket, outbox), _watch_idleness(connection, idle_s)]
+    if transport is not None:
+        work.append(_watch_socket(transport))
     tasks: list[asyncio.Future[Any]] = [asyncio.create_task(part) for part in work]
     try:
         await asyncio.wait([*tasks, connection.verdict], return_when=asyncio.FIRST_COMPLETED)
@@ -69,6 +74,12 @@ async def _watch_idleness(connection: Connection, idle_s: float) -> None:
     while connection.idle_s() < idle_s:
         await asyncio.sleep(min(_IDLE_CHECK_S, idle_s))
     connection.end(Verdict(GOING_AWAY, "idle"))
+
+
+async def _watch_socket(transport: asyncio.Transport) -> None:
+    """End when the socket does: where something was left unread, nobody is told of that."""
+    while not transport.is_closing():
+        await asyncio.sleep(_SOCKET_CHECK_S)
 
 
 async def _hang_up(websocket: Any, outbox: Outbox, verdict: Verdict) -> None:

@@ -13,20 +13,27 @@ from pathlib import Path
 from typing import Any
 
 from .._extras import require
-from .connection import POLICY, TAKEN_OVER, Connection, Verdict
+from .connection import TAKEN_OVER, Connection, Verdict
 from .conversation import converse
+from .doorkeeper import Doorkeeper, token_of
+from .gate import Gate, guests_within, open_files
 from .guard import Guard
 from .library import Library
 from .messages import LONGEST
 from .outbox import Outbox
 from .places import Kept, Places, new_key
 from .scene_file import scene_schema
+from .sockets import http_protocol, websocket_protocol
 
 logger = logging.getLogger(__name__)
 
 PAGE = Path(__file__).parent / "page"
 TOO_MANY = 1013
+PING_S = 20.0
+"""Between two questions whether a client is still there, and until it has to answer."""
 _SHUTDOWN_S = 3
+_BACKLOG = 128
+"""Connections that may wait to be taken in, which then happens all at once."""
 _HANDOVER_S = 10.0
 """How long a page waits for the socket before it to leave the session."""
 
@@ -72,6 +79,7 @@ class Server:
         self._uvicorn = require("uvicorn")
         require("websockets")
         Guard(host, port, token)  # before the socket
+        self.gate = Gate(guests_within(open_files(), sessions))
         self.socket = _listen(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self.guard = Guard(host, self.port, token)
@@ -79,18 +87,18 @@ class Server:
         self.places = Places(sessions, library.tidy)
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
-                self._application(), log_config=None, access_log=False, ws="websockets-sansio", ws_max_size=LONGEST,
-                ws_per_message_deflate=False, ws_ping_interval=20.0, ws_ping_timeout=20.0, lifespan="on",
-                timeout_graceful_shutdown=_SHUTDOWN_S, server_header=False,
+                Doorkeeper(self._application(), self.guard, self.gate.came),
+                http=http_protocol(self.gate), ws=websocket_protocol(), ws_max_size=LONGEST,
+                ws_per_message_deflate=False, ws_ping_interval=PING_S, ws_ping_timeout=PING_S, lifespan="on",
+                log_config=None, access_log=False, server_header=False, backlog=_BACKLOG,
+                timeout_graceful_shutdown=_SHUTDOWN_S,
             )
         )  # fmt: skip
 
     @property
     def address(self) -> str:
         """Where the page is."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        query = f"/?token={self.guard.token}" if self.guard.token else "/"
-        return f"http://{host}:{self.port}{query}"
+        return self.guard.address
 
     @property
     def connections(self) -> set[Connection]:
@@ -109,7 +117,6 @@ class Server:
     def _application(self) -> Any:
         require("starlette")
         from starlette.applications import Starlette
-        from starlette.middleware import Middleware
         from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse
         from starlette.routing import Mount, Route, WebSocketRoute
         from starlette.staticfiles import StaticFiles
@@ -120,11 +127,20 @@ class Server:
         async def health(request: Any) -> Any:
             return PlainTextResponse("ok")
 
+        async def why_not(request: Any) -> Any:
+            refusal = self.guard.refusal(request.headers, token_of(request.scope))
+            if refusal is not None:
+                return PlainTextResponse(refusal, 403)
+            if self.places.full:
+                return PlainTextResponse(self._too_many, 503)
+            return PlainTextResponse("open a WebSocket here", 426, {"upgrade": "websocket"})
+
         async def no_page(request: Any) -> Any:
             return HTMLResponse(NO_PAGE, status_code=503)
 
         routes: list[Any] = [
             WebSocketRoute("/live", self._live),
+            Route("/live", why_not),
             Route("/api/scene-schema.json", schema),
             Route("/healthz", health),
         ]
@@ -132,7 +148,7 @@ class Server:
             routes.append(Mount("/", StaticFiles(directory=PAGE, html=True)))
         else:
             routes.append(Route("/", no_page))
-        return Starlette(routes=routes, middleware=[Middleware(_Doorkeeper, guard=self.guard)], lifespan=self._life)
+        return Starlette(routes=routes, lifespan=self._life)
 
     @asynccontextmanager
     async def _life(self, app: Any) -> AsyncIterator[None]:
@@ -148,24 +164,28 @@ class Server:
             await asyncio.sleep(0.005)
         self._ready(self.address)
 
+    @property
+    def _too_many(self) -> str:
+        return f"{self.places.most} sessions are open; close one"
+
     async def _live(self, websocket: Any) -> None:
+        """Serve one WebSocket that the guard let in."""
         await websocket.accept()
-        refusal = self.guard.refusal(websocket.headers, websocket.query_params.get("token"))
-        if refusal is not None:
-            await websocket.close(POLICY, refusal)
-            return
         key = websocket.query_params.get("session", "")
         kept = await self._reclaim(key)
         if self.places.full:
-            await websocket.close(TOO_MANY, f"{self.places.most} sessions are open; close one")
+            await websocket.close(TOO_MANY, self._too_many)
             return
+        transport = self.gate.seat(websocket.scope["client"])
         outbox = Outbox()
         connection = Connection(self.library, outbox, new_key() if kept is None else key)
         self.places.take(connection.key, connection)
         try:
             connection.open(kept)
-            await converse(websocket, connection, outbox, idle_s=self.idle_s)
+            await converse(websocket, connection, outbox, transport, idle_s=self.idle_s)
         finally:
+            if transport is not None:
+                self.gate.unseat(transport)
             await self._part(connection)
 
     async def _part(self, connection: Connection) -> None:
@@ -185,24 +205,6 @@ class Server:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(holder.left.wait(), _HANDOVER_S)
         return self.places.reclaim(key)
-
-
-class _Doorkeeper:
-    """Answers requests under a foreign name with 421, whatever they ask for; WebSockets are looked at once open."""
-
-    def __init__(self, app: Any, guard: Guard) -> None:
-        self._app, self._guard = app, guard
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] == "http":
-            headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
-            foreign = self._guard.foreign_host(headers)
-            if foreign:
-                from starlette.responses import PlainTextResponse
-
-                await PlainTextResponse(foreign + "\n", status_code=421)(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -1,0 +1,146 @@
+"""How many are connected, and how long who says nothing: no more than the process can bear."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from collections import Counter
+from typing import Any, NamedTuple
+
+FIRST_REQUEST_S = 10.0
+"""How long a connection may take for its first request."""
+ANSWER_S = 60.0
+"""How long an answer may take to be read."""
+GOODBYE_S = 5.0
+"""How long a WebSocket may take to close."""
+MOST_GUESTS = 128
+_RESERVE = 64
+"""Open files for everything else: images, the library's own."""
+_FEWEST_GUESTS = 8
+
+
+class _Guest(NamedTuple):
+    peer: str
+    timer: asyncio.TimerHandle
+
+
+class Gate:
+    """Connections that are no session: each has a time limit, and the longest silent one makes room for the next.
+
+    A page's request comes within milliseconds, so whoever opens connections to fill the server up displaces but
+    himself. Everything happens in the socket's loop.
+
+    Parameters
+    ----------
+    most : int
+        Guests at once.
+    """
+
+    def __init__(self, most: int = MOST_GUESTS) -> None:
+        self.most = most
+        self._guests: dict[asyncio.Transport, _Guest] = {}  # the longest silent first
+        self._at: dict[Any, asyncio.Transport] = {}
+
+    def enter(self, transport: asyncio.Transport) -> None:
+        """Take in a connection; where there are too many, the longest silent one of the busiest peer ends."""
+        self._at[_key(_address(transport))] = transport
+        self._bear(transport, FIRST_REQUEST_S)
+        if len(self._guests) > self.most:
+            self._drop_one()
+
+    def came(self, address: Any) -> None:
+        """Note a request: there is time for the answer."""
+        transport = self._at.get(_key(address))
+        if transport in self._guests:
+            self._bear(transport, ANSWER_S)
+
+    def seat(self, address: Any) -> asyncio.Transport | None:
+        """Let a guest be a session: it stays as long as it likes."""
+        transport = self._at.get(_key(address))
+        if transport in self._guests:
+            self.leave(transport)
+        return transport
+
+    def unseat(self, transport: asyncio.Transport) -> None:
+        """Give a session's connection time to close, and no more."""
+        self._bear(transport, GOODBYE_S)
+
+    def leave(self, transport: asyncio.Transport) -> None:
+        """Forget a guest."""
+        guest = self._guests.pop(transport, None)
+        if guest is not None:
+            guest.timer.cancel()
+        key = _key(_address(transport))
+        if self._at.get(key) is transport:
+            del self._at[key]
+
+    @property
+    def guests(self) -> int:
+        """How many there are."""
+        return len(self._guests)
+
+    def _bear(self, transport: asyncio.Transport, seconds: float) -> None:
+        old = self._guests.pop(transport, None)
+        if old is not None:
+            old.timer.cancel()
+        timer = asyncio.get_running_loop().call_later(seconds, self._end, transport)
+        self._guests[transport] = _Guest(_peer(_address(transport)), timer)
+
+    def _drop_one(self) -> None:
+        crowd = Counter(guest.peer for guest in self._guests.values())
+        busiest = max(crowd, key=crowd.__getitem__)
+        self._end(next(transport for transport, guest in self._guests.items() if guest.peer == busiest))
+
+    def _end(self, transport: asyncio.Transport) -> None:
+        self.leave(transport)
+        transport.abort()
+
+
+def guests_within(files: int | None, sessions: int) -> int:
+    """Return how many guests there may be beside some sessions, with so many open files at most.
+
+    Raises
+    ------
+    ValueError
+        Not even the sessions fit.
+    """
+    if files is None:
+        return MOST_GUESTS
+    room = files - _RESERVE - sessions
+    if room < _FEWEST_GUESTS:
+        most = files - _RESERVE - _FEWEST_GUESTS
+        remedy = f"give at most {most}, or raise" if most > 0 else "raise"
+        raise ValueError(
+            f"--sessions = {sessions} is more than {files} open files allow; {remedy} the limit (ulimit -n)"
+        )
+    return min(MOST_GUESTS, room)
+
+
+def open_files() -> int | None:
+    """Return how many files this process may have open; None where nobody says."""
+    try:
+        import resource
+    except ImportError:  # not a Unix
+        return None
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return None if soft == resource.RLIM_INFINITY else soft
+
+
+def _address(transport: asyncio.Transport) -> Any:
+    return transport.get_extra_info("peername")
+
+
+def _key(address: Any) -> Any:
+    """The host and port of a peer: an IPv6 address has more parts."""
+    return tuple(address[:2]) if address else None
+
+
+def _peer(address: Any) -> str:
+    """Who that is: a host, or the network of an IPv6 host, who has many addresses."""
+    if not address:
+        return ""
+    host = str(address[0]).partition("%")[0]
+    try:
+        return str(ipaddress.ip_network((host, 64), strict=False)) if ":" in host else host
+    except ValueError:
+        return host

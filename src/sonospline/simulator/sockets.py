@@ -1,0 +1,54 @@
+"""The web server's protocols, with a gate before them and an end to what one socket may pile up."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from .doorkeeper import RAW_HEADERS
+from .gate import Gate
+
+MOST_UNREAD = 32 * 1024 * 1024
+"""Bytes written that a client has not read: pongs and answers to it come on top of its messages."""
+MOST_PARTS = 1024
+"""Pieces of one message."""
+
+
+def http_protocol(gate: Gate) -> type[asyncio.Protocol]:
+    """Return uvicorn's protocol for HTTP behind a gate."""
+    import h11
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class GatedHttp(H11Protocol):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            gate.enter(transport)
+
+        def connection_lost(self, error: Exception | None) -> None:
+            gate.leave(self.transport)
+            super().connection_lost(error)
+
+        def send_400_response(self, msg: str) -> None:
+            headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close"), *RAW_HEADERS]
+            for event in (
+                h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+                h11.Data(data=msg.encode("ascii")),
+                h11.EndOfMessage(),
+            ):
+                self.transport.write(self.conn.send(event))
+            self.transport.close()
+
+    return GatedHttp
+
+
+def websocket_protocol() -> type[asyncio.Protocol]:
+    """Return uvicorn's protocol for WebSockets, which ends what piles up."""
+    from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+    class BoundedWebSocket(WebSocketsSansIOProtocol):
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self.transport.get_write_buffer_size() > MOST_UNREAD or len(self.frames) > MOST_PARTS:
+                self.transport.abort()
+
+    return BoundedWebSocket
