@@ -71,7 +71,8 @@ requestAnimationFrame(count);
 PAD = """
 window.pad = {id: "stub", index: 0, connected: true, mapping: "standard", timestamp: 0, axes: [0, 0, 0, 0],
               buttons: Array.from({length: 17}, () => ({pressed: false, touched: false, value: 0}))};
-navigator.getGamepads = () => [window.plugged ? window.pad : null, null, null, null];
+window.looks = 0;
+navigator.getGamepads = () => (window.looks += 1) && [window.plugged ? window.pad : null, null, null, null];
 """
 
 
@@ -89,11 +90,11 @@ def chromium():
         pytest.importorskip("uvicorn")
     playwright = pytest.importorskip("playwright.sync_api") if not REQUIRED else __import__("playwright.sync_api")
     sync_playwright = getattr(playwright, "sync_api", playwright).sync_playwright
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    program = next(filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), None)
     if program is None:
         lacking("Chromium was not found (Debian: apt install chromium)")
     if not (PAGE / "index.html").is_file():
-        lacking("the page was not built (make web)")
+        lacking("the page was not built (./run builds it)")
     with sync_playwright() as player:
         browser = player.chromium.launch(executable_path=program, args=ARGUMENTS)
         yield browser
@@ -230,6 +231,20 @@ class Driver:
     def view3d(self):
         """A picture of the 3-D view."""
         return self.page.locator(".view-pane").screenshot()
+
+    def view3d_at_rest(self, other_than=None):
+        """A picture of the 3-D view once it stands still, and differs from an earlier one."""
+        end = time.monotonic() + PATIENCE_S
+        before, now = None, self.view3d()
+        while now != before or now == other_than:
+            assert time.monotonic() < end, "the 3-D view did not come to rest"
+            self.next_step()
+            before, now = now, self.view3d()
+        return now
+
+    def next_step(self):
+        """Wait until the page has looked at its inputs and drawn once more."""
+        self.until(f"window.looks > {self.evaluate('window.looks') + 1}")
 
     def picture(self, name):
         """Keep a picture of the page where pictures are asked for."""

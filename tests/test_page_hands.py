@@ -84,7 +84,7 @@ def test_touch_lever_pad_and_inset(drive):
     touch("touchStart", (x, y))
     touch("touchMove", (x + 30, y))
     driver.until("document.querySelector('.marks .handle').getAttribute('transform')")
-    page.wait_for_timeout(300)
+    driver.next_step()
     touch("touchEnd")
     driver.settled()
     assert driver.value("depth") == depth, "letting go stops"
@@ -151,7 +151,7 @@ def under_the_pointer(driver):
 def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the_view_turns(drive):
     driver = drive()
     driver.until("document.querySelector('.view3d')")
-    driver.page.wait_for_timeout(700)
+    driver.view3d_at_rest()
     places = under_the_pointer(driver)
     body, ring = places["grab"], places["ew-resize"]
     drag(driver, body[len(body) // 2], (30, 0))
@@ -175,8 +175,7 @@ def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the
     driver.settled()
     view, (x, y) = driver.view3d(), middle(driver, ".view3d")
     drag(driver, (x - 150, y + 120), (60, 0))
-    driver.page.wait_for_timeout(900)
-    assert driver.view3d() != view
+    driver.view3d_at_rest(other_than=view)
     assert (driver.knob("slide"), driver.knob("rotate")) == (0, turned)
 
 
@@ -255,7 +254,7 @@ def test_every_button_of_a_gamepad(drive):
         driver.evaluate(f"window.pad.buttons[{button}] = {{pressed: true, value: 1}}")
         driver.until(until)
         driver.evaluate(f"window.pad.buttons[{button}] = {{pressed: false, value: 0}}")
-        page.wait_for_timeout(60)
+        driver.next_step()
 
     depth, angle = driver.knob("depth"), driver.knob("angle")
     press(5, knob("rotate", "v >= 1"))
@@ -280,7 +279,7 @@ def test_every_button_of_a_gamepad(drive):
     press(11, "document.querySelector('[data-pace=fast]').classList.contains('lit')")
     driver.until("document.querySelector('[data-pace=normal]').classList.contains('lit')")
     driver.evaluate("window.pad.buttons[9] = {pressed: true, value: 1}")
-    page.wait_for_timeout(100)
+    driver.next_step()
     driver.evaluate("window.pad.buttons[9] = {pressed: false, value: 0}")
     driver.until("document.querySelector('dialog').open")
     press(1, "!document.querySelector('dialog').open")

@@ -39,7 +39,7 @@ def test_pictures_of_all_layouts_show_every_word(drive, layout, deep):
     if layout == "compact":
         page.keyboard.press("g")
         page.keyboard.press("k")
-    page.wait_for_timeout(1500)  # the view at rest
+    driver.view3d_at_rest()
     driver.picture(layout)
     if layout == "desktop":
         page.keyboard.press("?")
