@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.io.staging import staged_folder
 from sonospline.io.transforms import ImageWarp
 from sonospline.io.volumes import RAS_TO_LPS, read_volume, to_sitk, write_volume
 from sonospline.io.vtk import write_vti
@@ -107,9 +106,25 @@ def test_a_vti_file_holds_the_vectors_where_the_nodes_are(tmp_path):
     scalars = vtk_to_numpy(image.GetPointData().GetArray("det"))
     for index in ((0, 0, 0), (3, 0, 5), (1, 4, 2)):
         point = image.ComputePointId(index)
-        assert np.allclose(image.GetPoint(point), grid.node([index])[0])
-        assert np.allclose(read[point], vectors[index])
+        assert np.allclose(image.GetPoint(point), RAS_TO_LPS @ grid.node([index])[0])
+        assert np.allclose(read[point], RAS_TO_LPS @ vectors[index])
         assert scalars[point] == vectors[index][0]
+
+
+def test_a_vti_file_lies_over_the_image_it_belongs_to_and_says_its_frame(tilted_volume, tmp_path):
+    """ParaView shows a file as it is stored: grid and image must be stored in one frame."""
+    vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML", reason="needs the extra 'io'")
+    write_vti(tmp_path / "f.vti", tilted_volume.lattice, {"values": tilted_volume.voxels.astype(float)})
+    write_volume(tilted_volume, tmp_path / "v.nrrd")
+    reader = vtk_xml.vtkXMLImageDataReader()
+    reader.SetFileName(str(tmp_path / "f.vti"))
+    reader.Update()
+    grid, image = reader.GetOutput(), sitk.ReadImage(str(tmp_path / "v.nrrd"))
+    assert grid.GetFieldData().GetAbstractArray("SPACE").GetValue(0) == "LPS"
+    for index in ((0, 0, 0), (23, 0, 17), (11, 19, 4)):
+        point = grid.ComputePointId(index)
+        assert np.allclose(grid.GetPoint(point), image.TransformIndexToPhysicalPoint(index))
+        assert grid.GetPointData().GetArray("values").GetValue(point) == image[index]
 
 
 @pytest.mark.parametrize("suffix", [".nrrd", ".mha", ".mhd", ".nii.gz", ".nii"])
@@ -142,24 +157,3 @@ def test_unfit_images_are_refused_by_name(tmp_path):
         read_volume(tmp_path / "x.jpg")
     with pytest.raises(ValueError, match="does not exist"):
         read_volume(tmp_path / "nowhere.mha")
-
-
-def test_a_staged_folder_appears_whole_or_not_at_all(tmp_path):
-    out = tmp_path / "a" / "b"
-    with pytest.raises(ZeroDivisionError), staged_folder(out) as folder:
-        (folder / "half").write_text("half")
-        raise ZeroDivisionError
-    assert list(tmp_path.iterdir()) == []
-    with staged_folder(out) as folder:
-        (folder / "whole").write_text("whole")
-        assert not (out / "whole").exists()
-    assert [path.name for path in out.iterdir()] == ["whole"]
-
-
-def test_a_failed_run_keeps_what_an_earlier_one_left(tmp_path):
-    (tmp_path / "figure.png").write_text("earlier")
-    with pytest.raises(ZeroDivisionError), staged_folder(tmp_path) as folder:
-        (folder / "figure.png").write_text("later")
-        raise ZeroDivisionError
-    assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
-    assert (tmp_path / "figure.png").read_text() == "earlier"
