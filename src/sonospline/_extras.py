@@ -8,6 +8,7 @@ from typing import Any
 
 PROVIDES = {
     "SimpleITK": "io",
+    "h5py": "io",
     "vtkmodules": "io",
     "matplotlib": "plot",
     "rich": "cli",

@@ -14,6 +14,9 @@ from ..field import Field, InverseReport
 from ..grid import Grid
 from ..volume import Volume
 from .volumes import RAS_TO_LPS, from_sitk, place, to_sitk
+from .writing import write_bytes
+
+_ITK_NAME = "DisplacementFieldTransform_double_3_3"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +54,14 @@ class ImageWarp:
         return sitk.DisplacementFieldTransform(image)
 
     def write(self, path: str | Path) -> None:
-        """Write the transform as an ITK .h5 file; load it in Slicer as a Transform."""
-        require("SimpleITK").WriteTransform(self.to_sitk(), str(path))
+        """Write the transform as an ITK .h5 file; load it in Slicer as a Transform.
+
+        Raises
+        ------
+        OSError
+            The file could not be written whole.
+        """
+        write_bytes(path, _hdf5_of(self.to_sitk()))
 
     def apply(self, volume: Volume) -> Volume:
         """Return the deformed image: same geometry, linear interpolation.
@@ -64,3 +73,23 @@ class ImageWarp:
         image = to_sitk(volume)
         background = float(volume.voxels.min())
         return from_sitk(sitk.Resample(image, image, self.to_sitk(), sitk.sitkLinear, background))
+
+
+def _hdf5_of(transform: Any) -> bytes:
+    """Return the ITK transform file of a displacement field, made in memory.
+
+    ITK's own writer fails on a full disk with a hundred lines and a crash when the process ends.
+    """
+    h5py = require("h5py")
+    with h5py.File("displacement.h5", "w", driver="core", backing_store=False) as file:
+        for name, text in (
+            ("ITKVersion", require("SimpleITK").Version.ITKVersionString()),
+            ("HDFVersion", h5py.version.hdf5_version),
+        ):
+            file.create_dataset(name, data=[text.encode()], dtype=h5py.string_dtype("ascii"))
+        group = file.create_group("TransformGroup/0")
+        group.create_dataset("TransformType", data=[_ITK_NAME.encode()], dtype=h5py.string_dtype("ascii"))
+        group.create_dataset("TransformFixedParameters", data=np.array(transform.GetFixedParameters()))
+        group.create_dataset("TransformParameters", data=np.array(transform.GetParameters()))
+        file.flush()
+        return bytes(file.id.get_file_image())

@@ -13,6 +13,7 @@ import numpy as np
 from .._extras import require
 from ..volume import Volume
 from .files import regular_file
+from .writing import write_image
 
 SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
@@ -64,8 +65,8 @@ def read_volume(path: str | Path, *, name: str = "volume") -> Volume:
 
 
 def write_volume(volume: Volume, path: str | Path) -> None:
-    """Write a volume, compressed, in the format of the path's suffix."""
-    require("SimpleITK").WriteImage(to_sitk(volume), str(path), useCompression=True)
+    """Write a volume, compressed, in the format of the path's suffix; OSError where it does not arrive whole."""
+    write_image(to_sitk(volume), path)
 
 
 def from_sitk(image: Any) -> Volume:

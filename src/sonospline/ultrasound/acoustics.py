@@ -11,6 +11,7 @@ between sources.
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Any
 
 from .. import _validate
 from ..io.tables import read_by_label
+from ..io.writing import write_text
 
 NO_ECHO = -200.0
 """Backscatter of a fluid, dB: none."""
@@ -131,11 +133,12 @@ def known(name: str, table: dict[str, AcousticTissue] | None = None) -> Acoustic
 
 def write_table(path: str | Path, labelled: Iterable[tuple[int, AcousticTissue]]) -> None:
     """Write labels and their properties as CSV."""
-    with Path(path).open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("label", *_COLUMNS))
-        for label, tissue in labelled:
-            writer.writerow((label, *(getattr(tissue, column) for column in _COLUMNS)))
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(("label", *_COLUMNS))
+    for label, tissue in labelled:
+        writer.writerow((label, *(getattr(tissue, column) for column in _COLUMNS)))
+    write_text(path, text.getvalue())
 
 
 def read_table(path: str | Path) -> dict[int, AcousticTissue]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from .._extras import require
+from ..io.writing import write_bytes
 from .frame import Frame, as_bytes
 
 
@@ -42,7 +44,7 @@ def write_sequence(frames: Sequence[Frame], path: str | Path, *, frame_ms: float
             f"{name}_ImageStatus = OK",
         ]
     lines.append("ElementDataFile = LOCAL")
-    Path(path).write_bytes(("\n".join(lines) + "\n").encode() + stack.tobytes())
+    write_bytes(path, ("\n".join(lines) + "\n").encode() + stack.tobytes())
 
 
 def write_gif(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 100.0) -> None:
@@ -51,4 +53,6 @@ def write_gif(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 10
         raise ValueError("frames is empty; give at least one frame")
     image = require("PIL.Image")
     pictures = [image.fromarray(as_bytes(frame.pixels)) for frame in frames]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=frame_ms, loop=0, format="GIF")
+    moving = BytesIO()
+    pictures[0].save(moving, save_all=True, append_images=pictures[1:], duration=frame_ms, loop=0, format="GIF")
+    write_bytes(path, moving.getvalue())

@@ -153,16 +153,17 @@ class Frame:
     def write(self, path: str | Path) -> None:
         """Write a picture (.png) or an image with its geometry (.mha, .nrrd, ...: one slice, LPS)."""
         from ..io.volumes import RAS_TO_LPS
+        from ..io.writing import write_image
 
         sitk = require("SimpleITK")
         if Path(path).suffix == ".png":
-            sitk.WriteImage(sitk.GetImageFromArray(as_bytes(self.pixels)), str(path))
+            write_image(sitk.GetImageFromArray(as_bytes(self.pixels)), path)
             return
         image = sitk.GetImageFromArray(np.ascontiguousarray(self.pixels)[None])
         image.SetSpacing((*self.plane.spacing_mm, float(min(self.plane.spacing_mm))))
         image.SetOrigin((RAS_TO_LPS @ self.plane.affine[:, 2]).tolist())
         image.SetDirection((RAS_TO_LPS @ self.plane.image_to_reference[:3, :3]).ravel().tolist())
-        sitk.WriteImage(image, str(path), useCompression=True)
+        write_image(image, path)
 
 
 def as_bytes(pixels: NDArray[Any]) -> NDArray[np.uint8]:

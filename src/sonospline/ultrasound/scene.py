@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _memory
-from .._extras import require
 from ..io.volumes import to_sitk
+from ..io.writing import write_image
 from ..label_map import LabelMap
 from ..volume import Volume
 from .acoustics import TISSUES, AcousticTissue, write_table
@@ -186,7 +186,7 @@ class Scene:
             for key, value in entries.items():
                 image.SetMetaData(f"Segment{number}_{key}", value)
         image.SetMetaData("Segmentation_SourceRepresentation", "Binary labelmap")
-        require("SimpleITK").WriteImage(image, str(labels), useCompression=True)
+        write_image(image, labels)
         write_table(table, sorted(self.tissues.items()))
 
 

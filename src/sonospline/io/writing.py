@@ -1,0 +1,157 @@
+"""Files that are whole under their name or not there: written beside it, read back, then moved.
+
+A full disk, a quota or a limit on file sizes is seldom said: image libraries return as if all were well. So what was
+written is read back to its last byte, against what was meant and by the checksums of its own format.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from .._extras import require
+
+_CHUNK = 1 << 20
+_GZIP_OR_ZLIB = 47  # of zlib's wbits: either header, told apart by the stream
+_PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Write a file; OSError where not all of it arrives, and then ``path`` is as it was."""
+    with _beside(Path(path)) as partial:
+        partial.write_bytes(data)
+        if partial.read_bytes() != data:
+            raise OSError("what was read back is not what was written")
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text as UTF-8, as :func:`write_bytes` does."""
+    write_bytes(path, text.encode())
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write what JSON holds, as :func:`write_bytes` does."""
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def write_image(image: Any, path: str | Path) -> None:
+    """Write a SimpleITK image, compressed where its format can be; OSError where not all of it arrives.
+
+    Parameters
+    ----------
+    image : SimpleITK.Image
+        Its voxels are compared with those in the file.
+    path : str or Path
+        The suffix says the format. A header with its data in another file (.mhd, .nhdr) moves last.
+    """
+    sitk = require("SimpleITK")
+    with _beside(Path(path)) as partial:
+        try:
+            with _silence():
+                sitk.WriteImage(image, str(partial), useCompression=True)
+            _compare(partial, sitk.GetArrayViewFromImage(image))
+        except (RuntimeError, EOFError, ValueError, struct.error, zlib.error) as error:
+            raise OSError(str(error).strip().splitlines()[-1]) from None
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """Yield a path of the same name in a folder of its own; what is there in the end moves beside ``path``."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=".partial-", dir=path.parent, ignore_cleanup_errors=True) as folder:
+            partial = Path(folder, path.name)
+            yield partial
+            for file in sorted(Path(folder).iterdir(), key=lambda file: file == partial):
+                file.replace(path.with_name(file.name))
+    except OSError as error:
+        why = error.strerror or error
+        raise OSError(f"{path.name} could not be written whole ({why}); make room, or choose another folder") from None
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep image libraries from telling the terminal what the exception, or the comparison, will say."""
+    try:
+        terminal = os.dup(2)
+    except OSError:  # the process has no stderr
+        yield
+        return
+    try:
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(terminal, 2)
+        os.close(terminal)
+
+
+def _compare(path: Path, voxels: Any) -> None:
+    """Raise ValueError, EOFError or zlib.error where a file does not hold these voxels to the last byte."""
+    if path.suffix == ".png":
+        if not path.read_bytes().endswith(_PNG_END):
+            raise EOFError("it ends too early")
+        sitk = require("SimpleITK")
+        same = np.array_equal(sitk.GetArrayFromImage(sitk.ReadImage(str(path))), voxels)
+    else:
+        meant, at, same = np.ascontiguousarray(voxels).data.cast("B"), 0, True
+        for chunk in _voxel_bytes(path):
+            same = same and meant[at : at + len(chunk)] == chunk
+            at += len(chunk)
+        same = same and at == len(meant)
+    if not same:
+        raise ValueError("what was read back is not what was written")
+
+
+def _voxel_bytes(path: Path) -> Iterator[bytes]:
+    """Yield the voxels of a file, decompressed, as they are stored."""
+    if path.name.endswith((".nii", ".nii.gz")):
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            header = stream.read(112)
+            stream.seek(int(struct.unpack("<f", header[108:])[0]))
+            yield from iter(lambda: stream.read(_CHUNK), b"")
+        return
+    with path.open("rb") as stream:
+        fields = _header(stream)
+        name = fields.get("data file") or fields.get("elementdatafile", "LOCAL")
+        compressed = fields.get("encoding") == "gzip" or fields.get("compresseddata") == "True"
+        if name == "LOCAL":
+            yield from _decoded(stream, compressed)
+            return
+    with path.with_name(name).open("rb") as stream:
+        yield from _decoded(stream, compressed)
+
+
+def _header(stream: IO[bytes]) -> dict[str, str]:
+    """Read the header of a NRRD or MetaImage file: its fields, with small letters; the voxels come next."""
+    fields: dict[str, str] = {}
+    for line in iter(stream.readline, b""):
+        text = line.decode(errors="replace").strip()
+        if not text:
+            break
+        name, _, value = text.partition(":" if text.startswith(("encoding:", "data file:")) else "=")
+        fields[name.strip().lower()] = value.strip()
+        if "elementdatafile" in fields:
+            break
+    return fields
+
+
+def _decoded(stream: IO[bytes], compressed: bool) -> Iterator[bytes]:
+    chunks = iter(lambda: stream.read(_CHUNK), b"")
+    if not compressed:
+        yield from chunks
+        return
+    inflate = zlib.decompressobj(_GZIP_OR_ZLIB)
+    for chunk in chunks:
+        yield inflate.decompress(chunk)
+    if not inflate.eof:
+        raise EOFError("it ends too early")
