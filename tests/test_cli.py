@@ -285,12 +285,33 @@ PATH = ["--entry", "0,18,18", "--target", "24,20,20"]
 
 def test_a_label_image_becomes_a_running_simulation(label_files, tmp_path, capsys):
     arguments = ("--labels", label_files, "--model", "elastic", *PATH, "--out", tmp_path / "out", *SMALL)
-    assert insert(*arguments) == 0
+    assert insert(*arguments, "--allow-folds") == 0
     assert "finite elements on" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["young_kpa"] == pytest.approx([3, 10000])
     assert summary["max_displacement_mm"] > 1
     assert not summary["small_strain"]  # a needle of 0.7 N in fat
+
+
+def test_a_field_that_folds_is_no_result_unless_it_is_asked_for(label_files, tmp_path, capsys):
+    """The needle's tip ends in bone, beyond anything a linear theory says."""
+    arguments = ("--labels", label_files, "--model", "elastic", *PATH, "--out", tmp_path / "out", "--json", *SMALL)
+    assert insert(*arguments) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert "the tissue folds over: det J = -" in printed.err and "--allow-folds" in printed.err
+    assert not (tmp_path / "out").exists()
+    assert insert(*arguments, "--allow-folds") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["smallest_det_jacobian"] < 0 < summary["folded_nodes"]
+    where = [float(x) for x in printed.err.split("at (")[1].split(")")[0].split(",")]
+    vti = pytest.importorskip("vtkmodules.vtkIOXML").vtkXMLImageDataReader()
+    vti.SetFileName(str(tmp_path / "out" / "displacement.vti"))
+    vti.Update()
+    at = vti.GetOutput().FindPoint(-where[0], -where[1], where[2])
+    value = vti.GetOutput().GetPointData().GetArray("det_jacobian").GetValue(at)
+    assert value == pytest.approx(summary["smallest_det_jacobian"])
 
 
 def test_without_a_path_the_needle_comes_from_the_front(label_files, tmp_path, capsys):
@@ -328,7 +349,7 @@ def test_labels_of_another_geometry_than_the_image_are_resampled_or_refused(labe
         write_volume(image, tmp_path / f"{name}.nii.gz")
     arguments = ("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", *SMALL)
     path = ("--entry", "10,18,18", "--target", "24,20,20")
-    assert insert("--volume", tmp_path / "partly.nii.gz", *path, *arguments) == 0
+    assert insert("--volume", tmp_path / "partly.nii.gz", *path, *arguments, "--allow-folds") == 0
     elsewhere = ("--entry", "500,18,18", "--target", "524,20,20")
     assert insert("--volume", tmp_path / "elsewhere.nii.gz", *elsewhere, *arguments) == 2
     assert "labels do not overlap the tissue's box" in capsys.readouterr().err

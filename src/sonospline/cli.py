@@ -1,7 +1,7 @@
 """The command line: one thin verb for each capability.
 
 Data goes to stdout, progress and messages to stderr. Exit codes: 0 done, 1 failed,
-2 bad input (one line: what, which value, what would be right).
+2 bad input (one line: what, which value, what would be right), 130 interrupted, 143 told to end.
 """
 
 from __future__ import annotations
@@ -15,37 +15,48 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 from types import ModuleType
+from typing import Any, NoReturn
 
-from ._extras import MissingExtraError
+from . import _terminal
 
 VERBS = ("serve", "insert", "image", "tune", "reproduce", "bench", "doctor")
 
-_POINT_OPTION = re.compile(r"--(entry|target|origin|look|right)")
-_NEGATIVE = re.compile(r"-[\d.]")
+_OPTION = re.compile(r"--[a-z][a-z-]*")
+_NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return the exit code."""
-    arguments = _join_negative_points(list(sys.argv[1:] if argv is None else argv))
     try:
-        verbs = {name: import_module(f".commands.{name}", __package__) for name in _needed(arguments)}
-    except ImportError as error:  # the environment asks for a core that is not there
-        print(f"sonospline: {error}", file=sys.stderr)  # noqa: T201
-        return 1
-    args = _parser(verbs).parse_args(arguments)
-    verb = verbs[args.verb]
-    logging.basicConfig(level=logging.WARNING, format="sonospline: %(message)s", stream=sys.stderr)
-    try:
-        report = verb.run(args)
-    except (ValueError, MissingExtraError, RuntimeError, OSError, MemoryError) as error:
-        if args.traceback:
-            raise
-        print(f"sonospline {args.verb}: {error}", file=sys.stderr)  # noqa: T201
-        return 2 if isinstance(error, ValueError) else 1
+        with _terminal.signals_that_clean_up():
+            return _run(_join_negative_numbers(list(sys.argv[1:] if argv is None else argv)))
     except KeyboardInterrupt:
         return 130
-    print(json.dumps(report, indent=2) if args.json else verb.describe(report, args))  # noqa: T201
+
+
+def _run(arguments: list[str]) -> int:
+    args = None
+    try:
+        verbs = {name: import_module(f".commands.{name}", __package__) for name in _needed(arguments)}
+        args = _parser(verbs).parse_args(arguments)
+        logging.basicConfig(level=logging.WARNING, format="sonospline: %(message)s", stream=sys.stderr)
+        report = verbs[args.verb].run(args)
+        _terminal.answer(json.dumps(report, indent=2) if args.json else verbs[args.verb].describe(report, args))
+    except Exception as error:
+        if args is not None and args.traceback:
+            raise
+        _terminal.say(f"sonospline{'' if args is None else f' {args.verb}'}: {_in_one_line(error)}")
+        return 2 if isinstance(error, ValueError) else 1
     return 0
+
+
+def _in_one_line(error: Exception) -> str:
+    text = " ".join(str(error).splitlines()).strip()
+    if isinstance(error, MemoryError):
+        return f"out of memory ({text or 'no more was said'}); ask for less, or free some"
+    if isinstance(error, (ValueError, ImportError, RuntimeError, OSError)):
+        return text or type(error).__name__
+    return f"a fault of Sonospline, please report it with what --traceback shows ({type(error).__name__}: {text})"
 
 
 def _needed(arguments: Sequence[str]) -> Sequence[str]:
@@ -53,8 +64,18 @@ def _needed(arguments: Sequence[str]) -> Sequence[str]:
     return arguments[:1] if arguments[:1] and arguments[0] in VERBS else VERBS
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line, and does not mind a reader that leaves."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        (_terminal.answer if file is sys.stdout else _terminal.say)(message.removesuffix("\n"))
+
+
 def _parser(verbs: dict[str, ModuleType]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="sonospline",
         description="Real-time tissue deformation under a needle. Not for clinical use.",
     )
@@ -73,11 +94,11 @@ def _parser(verbs: dict[str, ModuleType]) -> argparse.ArgumentParser:
     return parser
 
 
-def _join_negative_points(arguments: list[str]) -> list[str]:
+def _join_negative_numbers(arguments: list[str]) -> list[str]:
     """Turn ``--entry -1,2,3`` into ``--entry=-1,2,3``, which argparse does not take for an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and _POINT_OPTION.fullmatch(joined[-1]) and _NEGATIVE.match(argument):
+        if joined and _OPTION.fullmatch(joined[-1]) and _NEGATIVE.match(argument):
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._canvas import blank
+from ._canvas import picture
 from .needle import Needle
 from .volume import Volume
 
@@ -75,23 +75,22 @@ def draw_insertion(before: Volume, after: Volume, displacement: Volume, needle: 
     pictures = [v.sample(points).reshape(shape) for v in (before, after, displacement)]
     grey = tuple(np.nanpercentile(pictures[0], (1, 99.5)))
     aspect = shape[0] / shape[1]
-    figure = blank(15, 1.7 + 4.4 * aspect)
-    panels = figure.subplots(1, 3, sharex=True, sharey=True)
-    extent = (plane.left, plane.right, plane.bottom, plane.top)
-    for panel, picture, title in zip(panels, pictures, ("before", "after", "displacement"), strict=True):
-        style: dict[str, Any] = (
-            {"cmap": "viridis", "vmin": 0}
-            if title == "displacement"
-            else {"cmap": "gray", "vmin": grey[0], "vmax": grey[1]}
-        )
-        shown = panel.imshow(picture, extent=extent, origin="upper", interpolation="bilinear", **style)
-        panel.set_facecolor("0.15")
-        panel.set_title(title)
-        panel.set_xlabel("along the needle (mm)")
-        _draw_needle(panel, needle, drawn=title != "before")
-    panels[0].set_ylabel("across the needle (mm)")
-    figure.colorbar(shown, ax=panels[2], label="displacement (mm)", shrink=0.9)
-    figure.savefig(path, dpi=110)
+    with picture(path, 15, 1.7 + 4.4 * aspect) as figure:
+        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+        extent = (plane.left, plane.right, plane.bottom, plane.top)
+        for panel, shades, title in zip(panels, pictures, ("before", "after", "displacement"), strict=True):
+            style: dict[str, Any] = (
+                {"cmap": "viridis", "vmin": 0}
+                if title == "displacement"
+                else {"cmap": "gray", "vmin": grey[0], "vmax": grey[1]}
+            )
+            shown = panel.imshow(shades, extent=extent, origin="upper", interpolation="bilinear", **style)
+            panel.set_facecolor("0.15")
+            panel.set_title(title)
+            panel.set_xlabel("along the needle (mm)")
+            _draw_needle(panel, needle, drawn=title != "before")
+        panels[0].set_ylabel("across the needle (mm)")
+        figure.colorbar(shown, ax=panels[2], label="displacement (mm)", shrink=0.9)
 
 
 def _draw_needle(panel: Any, needle: Needle, *, drawn: bool) -> None:

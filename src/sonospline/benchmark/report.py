@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .._canvas import blank
+from .._canvas import picture
 from .._markdown import table
 
 Row = dict[str, Any]
@@ -106,19 +106,18 @@ def draw_cost(results: dict[str, Any], path: Path) -> None:
             curves.setdefault(row["contender"], []).append((row["nodes"], row["evaluate"]["median_ms"]))
     grown = [(r["nodes"], r["multilevel"]["median_ms"]) for r in results["growth"] if r["landmarks"] == 1000]
     curves["sonospline multilevel"] = sorted(set(grown))
-    figure = blank(8, 5.5)
-    panel = figure.subplots()
-    for name, points in curves.items():
-        ours = name == "sonospline multilevel"
-        panel.loglog(*zip(*sorted(points), strict=True), marker="o", ms=4, lw=2.5 if ours else 1.2, label=name)
-    panel.axhline(1, color="0.6", lw=0.8, ls=":")
-    panel.text(panel.get_xlim()[0], 1.1, " 1,000 volumes a second", color="0.4", fontsize=8)
-    panel.set_xlabel("nodes")
-    panel.set_ylabel("evaluation of all nodes (ms)")
-    panel.set_title(f"Cost against nodes, {most:,} landmarks")
-    panel.grid(alpha=0.3, which="both", lw=0.4)
-    panel.legend(fontsize=8)
-    figure.savefig(path, dpi=120)
+    with picture(path, 8, 5.5, dpi=120) as figure:
+        panel = figure.subplots()
+        for name, points in curves.items():
+            ours = name == "sonospline multilevel"
+            panel.loglog(*zip(*sorted(points), strict=True), marker="o", ms=4, lw=2.5 if ours else 1.2, label=name)
+        panel.axhline(1, color="0.6", lw=0.8, ls=":")
+        panel.text(panel.get_xlim()[0], 1.1, " 1,000 volumes a second", color="0.4", fontsize=8)
+        panel.set_xlabel("nodes")
+        panel.set_ylabel("evaluation of all nodes (ms)")
+        panel.set_title(f"Cost against nodes, {most:,} landmarks")
+        panel.grid(alpha=0.3, which="both", lw=0.4)
+        panel.legend(fontsize=8)
 
 
 def _step(row: Row) -> tuple[Any, ...]:

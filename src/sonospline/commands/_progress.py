@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from .. import _terminal
 from .._extras import present
 
 T = TypeVar("T")
@@ -14,7 +15,7 @@ T = TypeVar("T")
 
 def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) -> Iterator[T]:
     """Yield the items, drawing a bar meanwhile."""
-    if quiet or not sys.stderr.isatty() or not present("rich"):
+    if quiet or not _watched():
         yield from items
         return
     from rich.console import Console
@@ -26,7 +27,7 @@ def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) ->
 @contextmanager
 def bar(label: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Yield a function told of steps done and steps in all, which draws a bar where somebody is watching."""
-    if quiet or not sys.stderr.isatty() or not present("rich"):
+    if quiet or not _watched():
         yield lambda done, of: None
         return
     from rich.console import Console
@@ -41,4 +42,8 @@ def say(*, quiet: bool = False) -> Callable[[str], None]:
     """Return a function that tells, on stderr, what a long run is at."""
     if quiet:
         return lambda text: None
-    return lambda text: print(text, file=sys.stderr, flush=True)  # noqa: T201
+    return _terminal.say
+
+
+def _watched() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty() and present("rich")

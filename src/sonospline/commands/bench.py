@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from .. import _core, _validate
+from .._canvas import attempt
 from ..benchmark import claims, live, machine, report, suite
 from ..io.staging import staged_folder
+from ..io.writing import write_json, write_text
 from ._progress import say
 
 HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run, or the live simulator"
@@ -45,15 +46,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise RuntimeError("the compiled core is not in use, so there is nothing to race; see sonospline doctor")
     if args.live:
         return _live(args, processors)
-    with staged_folder(args.out) as folder:
+    with staged_folder(args.out, summary="bench.json") as folder:
         measure = _measure_quick if args.quick else _measure
         before = machine.processor_ticks()
         results = {"machine": machine.describe(processors), **measure(rounds, say(quiet=args.quiet))}
         results["machine"]["withheld"] = machine.withheld_since(before)
         results["claims"] = [] if args.quick else claims.judge(results)
-        (folder / "bench.json").write_text(json.dumps(results, indent=2) + "\n")
-        (folder / "bench.md").write_text(report.tables(results))
-        report.draw_cost(results, folder / "cost.png")
+        write_json(folder / "bench.json", results)
+        write_text(folder / "bench.md", report.tables(results))
+        attempt(lambda: report.draw_cost(results, folder / "cost.png"))
     return results
 
 
@@ -62,17 +63,17 @@ def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
     if args.live:
         return f"{live.report(results)}\n\neverything: {args.out / 'live.json'}"
     shown = report.claims(results["claims"]) if results["claims"] else report.tables(results)
-    return f"{shown}\n\neverything: {args.out / 'bench.md'}, picture: {args.out / 'cost.png'}"
+    return f"{shown}\n\neverything: {args.out / 'bench.md'}, its picture: {args.out / 'cost.png'}"
 
 
 def _live(args: argparse.Namespace, processors: list[int]) -> dict[str, Any]:
     seconds = _validate.number("--seconds", args.seconds, positive=True)
-    with staged_folder(args.out) as folder:
+    with staged_folder(args.out, summary="live.json") as folder:
         before = machine.processor_ticks()
         results = {"machine": machine.describe(processors), **live.measure(args.scene, seconds)}
         results["machine"]["withheld"] = machine.withheld_since(before)
-        (folder / "live.json").write_text(json.dumps(results, indent=2) + "\n")
-        (folder / "live.md").write_text(live.report(results) + "\n")
+        write_json(folder / "live.json", results)
+        write_text(folder / "live.md", live.report(results) + "\n")
     return results
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _validate
+from .._extras import require
 from ..grid import Grid
 from ..grid_field import GridField
 from ..insertion import Insertion
@@ -21,6 +21,7 @@ from ..interaction import NeedleTissueModel
 from ..io.labels import read_labels
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
+from ..io.writing import write_json
 from ..needle import Needle
 from ..tissue import Tissue
 from ..ultrasound.acoustics import read_table
@@ -35,7 +36,7 @@ from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.scene import LARGEST_LABEL, Scene
 from ..ultrasound.synthesis import Display, Ultrasound
-from . import _points
+from . import _folds, _points
 from ._progress import track
 
 Array = NDArray[np.float64]
@@ -88,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     needle.add_argument("--entry", metavar="X,Y,Z", help="where it enters the tissue")
     needle.add_argument("--target", metavar="X,Y,Z", help="where its tip ends")
     needle.add_argument("--needle", default="trocar", choices=tuple(LOOKS), help="how it looks (trocar)")
+    _folds.add_argument(needle)
     needle.add_argument("--nodes", type=int, default=150_000, metavar="N", help="grid nodes, about (150000)")
     out = parser.add_argument_group("what comes out")
     out.add_argument("--cine", type=int, default=0, metavar="N", help="also N frames of the insertion (.igs.mha, .gif)")
@@ -105,6 +107,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.volume is not None and args.labels is not None:
         raise ValueError("--volume and --labels were both given; give the one to image")
     sight = _volume(args) if args.volume is not None else _rendered(args)
+    if args.cine:
+        require("PIL.Image")  # said now, not after the frames
     if args.cine and sight.needle is None:
         raise ValueError("--cine needs a needle; give --entry and --target")
     with staged_folder(args.out) as folder:
@@ -194,7 +198,9 @@ def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, An
         for k in track(range(args.cine), args.cine, "imaging", quiet=args.quiet):
             at = Needle(needle.entry, needle.at((k + 1) / args.cine))
             frames.append(sight.view(GridField.of(insertion.advance(at)), at, k))
-        field = GridField.of(insertion.advance(needle))
+        final = insertion.advance(needle)
+        _folds.refuse(np.linalg.det(final.jacobian(sight.grid.points)).reshape(sight.grid.shape), sight.grid, args)
+        field = GridField.of(final)
         largest = float(np.linalg.norm(field.values, axis=-1).max())
         shown = sight.view(field, needle, args.cine)
         shown.write(folder / "after.png")
@@ -203,6 +209,7 @@ def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, An
             write_gif([before, *frames], folder / "cine.gif")
     shown.write(folder / "image.mha")
     summary = {
+        "verb": "image",
         "picture": before.pixels.shape,
         "pixel_mm": before.plane.spacing_mm[0],
         "image_to_reference": before.plane.image_to_reference.tolist(),
@@ -217,7 +224,7 @@ def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, An
         "seed": args.seed,
     }
     summary["files"] = sorted([*(file.name for file in folder.iterdir()), "summary.json"])
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_json(folder / "summary.json", summary)
     return summary
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import time
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _validate
+from .._canvas import attempt
 from ..elastic import ElasticInsertion, TissueMap
 from ..elastic.strain import SMALL
 from ..field import Field
@@ -25,11 +25,12 @@ from ..io.staging import staged_folder
 from ..io.transforms import ImageWarp
 from ..io.volumes import RAS_TO_LPS, read_volume, suffix_of, write_volume
 from ..io.vtk import write_vti
+from ..io.writing import write_json
 from ..needle import Needle
 from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
 from ..volume import Volume
-from . import _models, _points
+from . import _folds, _models, _points
 from ._progress import track
 
 Array = NDArray[np.float64]
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument("--seed", type=int, default=0, help="seed of the phantom's speckle (0)")
     _models.add_arguments(parser)
     what = parser.add_argument_group("what comes out")
+    _folds.add_argument(what)
     what.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     what.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
     what.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -105,7 +107,9 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
     lines += _strain_line(summary)
     if inverse["unconverged_nodes"]:
         lines.append(f"inverse       NOT found at {inverse['unconverged_nodes']} nodes; the image is unwarped there")
-    return "\n".join([*lines, f"picture       {args.out / 'figure.png'}"])
+    if "figure.png" in summary["files"]:
+        lines.append(f"picture       {args.out / 'figure.png'}")
+    return "\n".join(lines)
 
 
 def _about_model(summary: dict[str, Any]) -> str:
@@ -186,6 +190,7 @@ def _write(
     grid = outcome.insertion.tissue.grid
     displacement = outcome.field.on_grid()
     det = np.linalg.det(outcome.field.jacobian(grid.points)).reshape(grid.shape)
+    _folds.refuse(det, grid, args)
     # With every face node a landmark, summing at each iterate would take minutes.
     many = isinstance(outcome.insertion, Insertion) and len(outcome.insertion.anchors) > _MANY_ANCHORS
     warp = ImageWarp.of(GridField.of(outcome.field, "accurate") if many else outcome.field)
@@ -199,8 +204,9 @@ def _write(
         origin=grid.origin,
         direction=grid.direction,
     )
-    draw_insertion(volume, warped, moved, outcome.needle, folder / "figure.png")
+    attempt(lambda: draw_insertion(volume, warped, moved, outcome.needle, folder / "figure.png"))
     summary = {
+        "verb": "insert",
         "volume": str(args.volume or args.labels or "phantom"),
         "entry_ras_mm": outcome.needle.entry.tolist(),
         "target_ras_mm": outcome.needle.tip.tolist(),
@@ -218,6 +224,7 @@ def _write(
         },
         "max_displacement_mm": float(np.linalg.norm(displacement, axis=-1).max()),
         "smallest_det_jacobian": float(det.min()),
+        "folded_nodes": int((det <= 0).sum()),
         "boundary_drift_mm": outcome.insertion.tissue.boundary_drift(displacement),
         "inverse": {
             "unconverged_nodes": int((~warp.report.converged).sum()),
@@ -228,9 +235,9 @@ def _write(
         "instruction_set": _core.instruction_set(),
         "seed": args.seed,
         "versions": _versions(),
-        "files": [warped_name, "displacement.h5", "displacement.vti", "figure.png", "summary.json"],
+        "files": sorted([*(file.name for file in folder.iterdir()), "summary.json"]),
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_json(folder / "summary.json", summary)
     return summary
 
 

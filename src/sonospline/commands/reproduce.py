@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import _validate
+from .._canvas import attempt
 from .._extras import require
 from ..benchmark import machine
 from ..fem import fenicsx
@@ -20,6 +20,7 @@ from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
+from ..io.writing import write_json, write_text
 from ..phantom import layered_block
 from ..tissue import Tissue
 from ..validation import front_files, report, study
@@ -55,20 +56,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its results."""
     seed = _validate.count("--seed", args.seed, least=0)
-    for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
+    for package in ("skfem", "pyamg", "pymoo"):
         require(package)
     if not args.quick:
         fenicsx.interpreter()  # said now, not after an hour
     image = read_volume(args.image) if args.image else layered_block(seed)
     plan = study.Plan.quick(seed) if args.quick else study.Plan.full(seed)
     notebook = _notebook(args.out, say(quiet=args.quiet))  # before the staging: it stays where a run fails
-    with staged_folder(args.out) as folder:
+    with staged_folder(args.out, summary="results.json") as folder:
         results = study.run_study(plan, notebook)
         _draw(plan, results, image, folder)
         about = _about(plan)
-        (folder / "report.md").write_text(report.write(results, about))
-        summary = {"about": about, **results, "files": sorted(file.name for file in folder.iterdir())}
-        (folder / "results.json").write_text(json.dumps(summary, indent=2) + "\n")
+        write_text(folder / "report.md", report.write(results, about))
+        files = sorted([*(file.name for file in folder.iterdir()), "results.json"])
+        summary = {"verb": "reproduce", "about": about, **results, "files": files}
+        write_json(folder / "results.json", summary)
     return summary
 
 
@@ -99,20 +101,16 @@ def _draw(plan: study.Plan, results: dict[str, Any], image: Volume, folder: Path
     model = NeedleTissueModel(**results["tuning"]["parameters"])
     tissue = Tissue(Grid.unit_cube(plan.sides[0]))
     straight, oblique = tuning_insertions()[0], held_out_insertions()[0]
-    draw_mesh(tissue, straight.on(tissue), NeedleTissueModel.paper(), folder / "figure_1.png")
-    draw_slices(
-        _compared(plan, straight, model, tissue),
-        _compared(plan, oblique, model, tissue),
-        image,
-        folder / "figure_2.png",
-    )
+    attempt(lambda: draw_mesh(tissue, straight.on(tissue), NeedleTissueModel.paper(), folder / "figure_1.png"))
+    compared = (_compared(plan, straight, model, tissue), _compared(plan, oblique, model, tissue))
+    attempt(lambda: draw_slices(*compared, image, folder / "figure_2.png"))
     curves = study.mean_rows([row for row in results["errors"] if row["model"] == "tuned"], "side", "depth")
-    draw_curves(curves, results["times"], folder / "figure_3.png")
-    draw_maps(results["models"]["maps"], folder / "models_maps.png")
-    draw_depths(results["models"]["friction"], folder / "models_depth.png")
+    attempt(lambda: draw_curves(curves, results["times"], folder / "figure_3.png"))
+    attempt(lambda: draw_maps(results["models"]["maps"], folder / "models_maps.png"))
+    attempt(lambda: draw_depths(results["models"]["friction"], folder / "models_depth.png"))
     objectives = np.array(results["tuning"]["front"])
     front = ParetoFront(np.zeros((len(objectives), 7)), objectives)
-    front_files.draw(front, tuple(plan.name for plan in tuning_insertions()), folder / "front.png")
+    attempt(lambda: front_files.draw(front, tuple(plan.name for plan in tuning_insertions()), folder / "front.png"))
 
 
 def _compared(plan: study.Plan, insertion: PlannedInsertion, model: NeedleTissueModel, tissue: Tissue) -> Compared:

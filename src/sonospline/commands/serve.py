@@ -7,7 +7,6 @@ import atexit
 import contextlib
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Serve until Ctrl-C; return what was served."""
     # Before NumPy is loaded: the threads of its BLAS spin on the processors that draw the picture.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .. import _validate
+    from .. import _terminal, _validate
     from ..simulator.server import Server
 
     idle_s = 60 * _validate.number("--idle", args.idle, positive=True)
@@ -56,8 +55,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )  # fmt: skip
 
     def ready(address: str) -> None:
-        line = json.dumps({"address": address}) if args.json else f"Sonospline is at {address} (Ctrl-C ends it)"
-        print(line, flush=True, file=sys.stdout if args.json else sys.stderr)
+        if args.json:
+            _terminal.answer(json.dumps({"address": address}))
+        else:
+            _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
 
     with contextlib.suppress(KeyboardInterrupt):  # the way to end it
         server.run(ready)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -13,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from .. import _validate
+from .._canvas import attempt
 from .._extras import require
 from ..grid import Grid
 from ..interaction import NeedleTissueModel
 from ..io.staging import staged_folder
+from ..io.writing import write_json, write_text
 from ..tissue import Tissue
 from ..validation import front_files
 from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
@@ -64,7 +65,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         _validate.count(f"--{name}", getattr(args, name), least=least)
     workers = usable_processors() if args.workers is None else _validate.count("--workers", args.workers)
     require("pymoo")
-    require("matplotlib")
     tissue = Tissue(Grid.unit_cube(args.side))
     with staged_folder(args.out) as folder, _executor(args.dask, workers) as (executor, parts):
         tuning = _references("reference, to tune on", tuning_insertions(), tissue, args)
@@ -82,8 +82,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         seconds = time.perf_counter() - start
         held_out = _references("reference, held out", held_out_insertions(), tissue, args)
         summary = _summary(front, tuning, held_out, args) | {"search_seconds": seconds}
-        _write(front, summary, folder)
-    return summary
+        return _write(front, summary, folder)
 
 
 def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
@@ -130,6 +129,7 @@ def _summary(
     groups = {"tuning": tuning, "held_out": held_out}
     models = {"tuned": front.model(), "table_1": NeedleTissueModel.paper()}
     return {
+        "verb": "tune",
         "side": args.side,
         "steps": args.steps,
         "population": args.population,
@@ -147,7 +147,6 @@ def _summary(
             for model, parameters in models.items()
         },
         "front": front_files.rows(front, names),
-        "files": ["front.csv", "front.png", "parameters.toml", "summary.json"],
     }
 
 
@@ -160,15 +159,18 @@ def _at_a_bound(front: ParetoFront) -> list[str]:
     ]
 
 
-def _write(front: ParetoFront, summary: dict[str, Any], folder: Path) -> None:
+def _write(front: ParetoFront, summary: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Write the files of a run; return the summary with their names."""
     names = tuple(name for name in summary["errors"]["tuned"]["tuning"] if name != "mean")
     front_files.write_csv(front, names, folder / "front.csv")
-    front_files.draw(front, names, folder / "front.png")
+    attempt(lambda: front_files.draw(front, names, folder / "front.png"))
     mean = summary["errors"]["tuned"]["held_out"]["mean"]
     remarks = [
         f"sonospline tune: side {summary['side']}, steps {summary['steps']}, population {summary['population']}, "
         f"generations {summary['generations']}, seed {summary['seed']}",
         f"held-out insertions: MAE {mean['mae']:.3e} sides, {mean['relative']:.3f} of the mean displacement",
     ]
-    (folder / "parameters.toml").write_text(_parameters.text(front.model(), remarks))
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_text(folder / "parameters.toml", _parameters.text(front.model(), remarks))
+    summary = summary | {"files": sorted([*(file.name for file in folder.iterdir()), "summary.json"])}
+    write_json(folder / "summary.json", summary)
+    return summary

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._canvas import blank
+from .._canvas import picture
 
 Row = dict[str, Any]
 
@@ -32,26 +32,27 @@ def draw_curves(errors: list[Row], times: list[Row], path: Path) -> None:
     path : Path
         File to write.
     """
-    figure = blank(18, 5.6)
-    depth, share, cost = figure.subplots(1, 3)
-    for side in sorted({row["side"] for row in errors}):
-        rows = sorted((row for row in errors if row["side"] == side), key=lambda row: row["depth"])
-        at = [row["depth"] for row in rows]
-        (line,) = depth.plot(at, [1e3 * row["mae"] for row in rows], marker="o", ms=3, label=f"{side}^3")
-        depth.plot(at, [1e3 * row["rmse"] for row in rows], ls="--", color=line.get_color())
-        share.plot(at, [row["relative"] for row in rows], marker="o", ms=3, color=line.get_color(), label=f"{side}^3")
-    depth.set_ylabel("error (1e-3 cube sides)")
-    depth.set_title("a) MAE (solid) and RMSE (dashed), held-out insertions")
-    share.set_ylabel("MAE / mean |u(FEM)|")
-    share.set_title("the same MAE, relative")
-    share.axhline(1, color="0.4", ls=":", lw=1.2, label="doing nothing")
-    for panel in (depth, share):
-        panel.set_xlabel("insertion depth (of the way)")
-        panel.set_ylim(bottom=0)
-        panel.grid(alpha=0.3, lw=0.4)
-        panel.legend(title="nodes", fontsize=8, loc="lower left")
-    _times(cost, times)
-    figure.savefig(path, dpi=110)
+    with picture(path, 18, 5.6) as figure:
+        depth, share, cost = figure.subplots(1, 3)
+        for side in sorted({row["side"] for row in errors}):
+            rows = sorted((row for row in errors if row["side"] == side), key=lambda row: row["depth"])
+            at = [row["depth"] for row in rows]
+            (line,) = depth.plot(at, [1e3 * row["mae"] for row in rows], marker="o", ms=3, label=f"{side}^3")
+            depth.plot(at, [1e3 * row["rmse"] for row in rows], ls="--", color=line.get_color())
+            share.plot(
+                at, [row["relative"] for row in rows], marker="o", ms=3, color=line.get_color(), label=f"{side}^3"
+            )
+        depth.set_ylabel("error (1e-3 cube sides)")
+        depth.set_title("a) MAE (solid) and RMSE (dashed), held-out insertions")
+        share.set_ylabel("MAE / mean |u(FEM)|")
+        share.set_title("the same MAE, relative")
+        share.axhline(1, color="0.4", ls=":", lw=1.2, label="doing nothing")
+        for panel in (depth, share):
+            panel.set_xlabel("insertion depth (of the way)")
+            panel.set_ylim(bottom=0)
+            panel.grid(alpha=0.3, lw=0.4)
+            panel.legend(title="nodes", fontsize=8, loc="lower left")
+        _times(cost, times)
 
 
 def _times(panel: Any, times: list[Row]) -> None:

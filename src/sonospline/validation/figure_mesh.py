@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._canvas import blank
+from .._canvas import picture
 from ..field import Field
 from ..grid import Grid
 from ..insertion import Insertion
@@ -34,13 +34,12 @@ def draw_mesh(tissue: Tissue, needle: Needle, model: NeedleTissueModel, path: Pa
     field = Insertion(tissue, model).advance(needle)
     shaft = shaft_displacement(grid.points, needle, model)
     tip = tip_displacement(grid.points, needle, model)
-    figure = blank(12, 11)
-    panels = [figure.add_subplot(2, 2, 1, projection="3d"), figure.add_subplot(2, 2, 2, projection="3d")]
-    _sources_and_targets(panels[0], grid, needle, shaft + tip)
-    _deformed_mesh(panels[1], grid, needle, field)
-    _tip_region(figure.add_subplot(2, 2, 3), grid, needle, model, tip)
-    _shaft_region(figure.add_subplot(2, 2, 4), grid, needle, shaft, tip)
-    figure.savefig(path, dpi=110)
+    with picture(path, 12, 11) as figure:
+        panels = [figure.add_subplot(2, 2, 1, projection="3d"), figure.add_subplot(2, 2, 2, projection="3d")]
+        _sources_and_targets(panels[0], grid, needle, shaft + tip)
+        _deformed_mesh(panels[1], grid, needle, field)
+        _tip_region(figure.add_subplot(2, 2, 3), grid, needle, model, tip)
+        _shaft_region(figure.add_subplot(2, 2, 4), grid, needle, shaft, tip)
 
 
 def _sources_and_targets(panel: Any, grid: Grid, needle: Needle, moved: Array) -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._canvas import blank
+from .._canvas import picture
 from ..field import Field
 from ..grid import Grid
 from ..needle import Needle
@@ -45,27 +45,26 @@ def draw_slices(overview: Compared, other: Compared, image: Volume, path: Path) 
     path : Path
         File to write.
     """
-    figure = blank(17, 10.5)
-    _overview(figure.add_subplot(2, 3, 1, projection="3d"), overview)
-    ours = np.asarray(other.spline.on_grid("direct"))
-    largest = float(np.linalg.norm(other.reference, axis=-1).max())
-    panels = [figure.add_subplot(2, 3, 2), figure.add_subplot(2, 3, 3)]
-    for panel, moved, title in zip(
-        panels, (ours, other.reference), ("b) spline (PHS)", "c) finite elements"), strict=True
-    ):
-        shown = _slice(panel, other, moved, largest)
-        panel.set_title(f"{title}, plane z = 0.5")
-    figure.colorbar(shown, ax=panels, label="displacement (cube sides)", shrink=0.85)
-    _histogram(figure.add_subplot(2, 3, 4), ours, other.reference)
-    before, after = _images(overview, image)
-    for number, picture, title in ((5, before, "e) image before"), (6, after, "f) image after")):
-        panel = figure.add_subplot(2, 3, number)
-        panel.imshow(picture.T, cmap="gray", origin="lower", extent=_extent(overview.grid))
-        if number == 6:
-            _needle_2d(panel, overview.needle)
-        panel.set_facecolor("0.15")  # where tissue came in from outside the image
-        panel.set_title(f"{title} the insertion, plane z = 0.5")
-    figure.savefig(path, dpi=110)
+    with picture(path, 17, 10.5) as figure:
+        _overview(figure.add_subplot(2, 3, 1, projection="3d"), overview)
+        ours = np.asarray(other.spline.on_grid("direct"))
+        largest = float(np.linalg.norm(other.reference, axis=-1).max())
+        panels = [figure.add_subplot(2, 3, 2), figure.add_subplot(2, 3, 3)]
+        for panel, moved, title in zip(
+            panels, (ours, other.reference), ("b) spline (PHS)", "c) finite elements"), strict=True
+        ):
+            shown = _slice(panel, other, moved, largest)
+            panel.set_title(f"{title}, plane z = 0.5")
+        figure.colorbar(shown, ax=panels, label="displacement (cube sides)", shrink=0.85)
+        _histogram(figure.add_subplot(2, 3, 4), ours, other.reference)
+        before, after = _images(overview, image)
+        for number, shades, title in ((5, before, "e) image before"), (6, after, "f) image after")):
+            panel = figure.add_subplot(2, 3, number)
+            panel.imshow(shades.T, cmap="gray", origin="lower", extent=_extent(overview.grid))
+            if number == 6:
+                _needle_2d(panel, overview.needle)
+            panel.set_facecolor("0.15")  # where tissue came in from outside the image
+            panel.set_title(f"{title} the insertion, plane z = 0.5")
 
 
 def _overview(panel: Any, compared: Compared) -> None:

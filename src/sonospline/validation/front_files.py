@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from .._extras import require
+from .._canvas import picture
+from ..io.writing import write_text
 from .objective import TUNABLES
 from .tuning import ParetoFront
 
@@ -28,29 +30,24 @@ def rows(front: ParetoFront, names: tuple[str, ...]) -> list[dict[str, Any]]:
 def write_csv(front: ParetoFront, names: tuple[str, ...], path: Path) -> None:
     """Write the table that :func:`rows` gives."""
     table = rows(front, names)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(table[0]))
+    writer.writeheader()
+    writer.writerows(table)
+    write_text(path, text.getvalue())
 
 
 def draw(front: ParetoFront, names: tuple[str, ...], path: Path) -> None:
     """Write the picture: each pair of objectives, the chosen design marked."""
-    require("matplotlib")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     pairs = list(combinations(range(len(names)), 2))
-    figure = Figure(figsize=(4.2 * len(pairs), 4), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, len(pairs), squeeze=False)[0]
     best = front.objectives[front.chosen]
-    for panel, (a, b) in zip(panels, pairs, strict=True):
-        panel.plot(
-            1e3 * front.objectives[:, a], 1e3 * front.objectives[:, b], "o", ms=5, color="#2f6f9f", label="front"
-        )
-        panel.plot(1e3 * best[a], 1e3 * best[b], "*", ms=15, color="#ff5a36", label="chosen: least mean error")
-        panel.set_xlabel(f"MAE of {names[a]} (1e-3 sides)")
-        panel.set_ylabel(f"MAE of {names[b]} (1e-3 sides)")
-    panels[0].legend()
-    figure.savefig(path, dpi=110)
+    with picture(path, 4.2 * len(pairs), 4) as figure:
+        panels = figure.subplots(1, len(pairs), squeeze=False)[0]
+        for panel, (a, b) in zip(panels, pairs, strict=True):
+            panel.plot(
+                1e3 * front.objectives[:, a], 1e3 * front.objectives[:, b], "o", ms=5, color="#2f6f9f", label="front"
+            )
+            panel.plot(1e3 * best[a], 1e3 * best[b], "*", ms=15, color="#ff5a36", label="chosen: least mean error")
+            panel.set_xlabel(f"MAE of {names[a]} (1e-3 sides)")
+            panel.set_ylabel(f"MAE of {names[b]} (1e-3 sides)")
+        panels[0].legend()
