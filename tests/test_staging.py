@@ -294,6 +294,7 @@ def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path, number, code):
 
 def test_a_run_that_is_killed_is_cleared_by_the_next_one_alone(tmp_path):
     out = tmp_path / "out"
+    out.mkdir()
     command = [sys.executable, "-c", WAITING, out]
     killed, alive = (subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2))
     with killed, alive:

@@ -7,6 +7,7 @@ import atexit
 import contextlib
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         else:
             _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
 
-    with contextlib.suppress(KeyboardInterrupt):  # the way to end it
-        server.run(ready)
-    if not server.library.close(within_s=0.0):
-        atexit.register(_leave)
+    code: Any = 0
+    try:
+        with contextlib.suppress(KeyboardInterrupt):  # the way to end it
+            server.run(ready)
+    except SystemExit as end:  # another: SIGTERM
+        code = end.code
+        raise
+    finally:
+        if not server.library.close(within_s=0.0):
+            atexit.register(_leave, code)
     return {"address": server.address, "scene": server.library.first}
 
 
@@ -72,11 +79,11 @@ def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
     return f"ended; {report['scene']} was at {report['address']}"
 
 
-def _leave() -> None:
+def _leave(code: int) -> None:
     """End the process at once: nobody can stop the making of a scene, and its reader may outlive Python badly."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)
+    os._exit(code)
 
 
 def _library(args: argparse.Namespace) -> Any:
