@@ -32,7 +32,8 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 
 # A link whose messages can be held back, which knows what was asked for and what was shown.
 LINK = """
-window.link = {delay: 0, held: null, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null, frame: 0, frames: 0, mute: false};
+window.link = {delay: 0, held: null, mute: false, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null,
+               frame: 0, frames: 0};
 const Native = WebSocket;
 window.WebSocket = class extends Native {
     set onmessage(handler) {

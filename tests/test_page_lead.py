@@ -69,7 +69,7 @@ EVERY_DAY = (hold_key, hold_button)
     "push", [pytest.param(way, marks=() if way in EVERY_DAY else pytest.mark.slow, id=way.__name__) for way in WAYS]
 )
 def test_no_way_of_pushing_runs_ahead_of_a_picture_that_does_not_come(drive, push):
-    """As on a server at work on its first push: the frames come late, and meanwhile the needle is not pushed blindly."""
+    """As on a server at work on its first push: frames come late, and meanwhile the needle is not pushed blindly."""
     touch = push is push_the_lever
     driver = drive(size=SIZES["tablet"] if touch else SIZES["desktop"], touch=touch, script=LINK)
     driver.page.get_by_role("radio", name="Fast").click() if not touch else driver.page.locator(".pace:visible").tap()

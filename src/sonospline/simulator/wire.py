@@ -58,6 +58,7 @@ def scene(name: str, session: Session) -> dict[str, Any]:
         "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
         "limits": _limits(world.limits),
         "state": session.wish.told,
+        "start": world.start.told,
     }  # fmt: skip
 
 
