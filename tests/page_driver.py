@@ -34,8 +34,12 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 LINK = """
 window.link = {delay: 0, held: null, mute: false, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null,
                frame: 0, frames: 0};
-const Native = WebSocket;
+const Native = link.Native = WebSocket;
 window.WebSocket = class extends Native {
+    constructor(address) {
+        super(address);
+        link.socket = this;
+    }
     set onmessage(handler) {
         const take = (event) => {
             if (event.data instanceof ArrayBuffer && new DataView(event.data).getUint32(0, true) === 1) {
@@ -43,6 +47,7 @@ window.WebSocket = class extends Native {
                 const {seq, state, frame} = JSON.parse(new TextDecoder().decode(new Uint8Array(event.data, 8, length)));
                 Object.assign(link, {answered: seq, shown: state.needle.depth, frame});
             }
+            if (typeof event.data === "string") link.key = JSON.parse(event.data).session ?? link.key;
             handler(event);
         };
         super.onmessage = handler && ((event) => {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from page_driver import DEPTH, STATUS, Driver, frame_drawn, serving
+from page_driver import DEPTH, LINK, STATUS, Driver, frame_drawn, serving
 
 pytest_plugins = ["page_fixtures"]
 
@@ -19,6 +19,15 @@ def test_a_lost_server_is_said_and_no_old_number_is_shown(browser):
     driver.context.close()
 
 
+# Every text that the insertion depth shows from now on.
+SEEN = """() => {
+    window.seen = [];
+    const depth = document.querySelector("#read-depth");
+    const watch = new MutationObserver(() => seen.push(depth.textContent));
+    watch.observe(depth, {childList: true, characterData: true, subtree: true});
+}"""
+
+
 @pytest.mark.slow
 def test_a_server_that_comes_back_is_found_and_goes_on_where_the_hand_was(browser):
     with serving("--scene", "gel") as address:
@@ -32,29 +41,98 @@ def test_a_server_that_comes_back_is_found_and_goes_on_where_the_hand_was(browse
     driver.until(f"{age} >= 0")
     driver.until(f"{age} >= {driver.evaluate(age) + 2}")  # the image grows older
     driver.frames.clear()
+    driver.evaluate(SEEN)
     with serving("--scene", "gel", "--port", address.rstrip("/").rsplit(":", 1)[1]):
         driver.until(f"{STATUS} === 'live'")  # by itself
         driver.until(f"{DEPTH} === {depth}")
+        assert set(driver.evaluate("seen")) <= {"–", f"{depth:.1f}"}, "no number of another pose"
         assert driver.knob("slide") == slide
         assert driver.page.get_by_role("alertdialog").is_hidden()
         driver.page.keyboard.press("ArrowDown")
         driver.until(f"{DEPTH} === {depth + 0.5}")
         assert driver.frames[0][0]["frame"] < driver.frames[-1][0]["frame"]
-    assert all("WebSocket" in said for said in driver.complaints), driver.complaints
+    assert all("ERR_CONNECTION_REFUSED" in said for said in driver.complaints), driver.complaints
     driver.context.close()
 
 
-def test_a_reload_in_the_middle_of_a_push_starts_anew(drive):
-    driver = drive()
-    driver.page.keyboard.down("ArrowDown")
-    driver.until(f"{DEPTH} > 3")
+def reload(driver):
     driver.page.reload()
     driver.live()
-    driver.until(frame_drawn(driver.drawn()[0] + 5))
-    assert driver.value("depth") == 0
+
+
+def cut(driver):
+    driver.evaluate("link.socket.close(4000)")
+    driver.until(f"{STATUS} === 'lost'")
+    driver.until(f"{STATUS} === 'live'")
+
+
+# What a person has set and done, but for the clock of the pass.
+ALL = """() => [
+    ...[...document.querySelectorAll("[data-axis]")].filter((e) => e.checkVisibility()).map((e) => e.dataset.value),
+    ...[...document.querySelectorAll("output.number")].map((e) => e.dataset.value),
+    ...[...document.querySelectorAll(".pass dd")].slice(1).map((e) => e.textContent),
+    document.querySelector("[data-model][aria-checked=true]").dataset.model,
+    document.querySelector("#scene-button b").textContent,
+]"""
+
+
+@pytest.mark.parametrize("leave", [reload, pytest.param(cut, marks=pytest.mark.slow)])
+def test_a_pass_survives(drive, leave):
+    """Pose, probe, image, target, model and the figures of the pass."""
+    driver = drive("kidney", script=LINK)
+    page = driver.page
+    page.keyboard.press("Digit1")
+    page.keyboard.press("KeyD")
+    page.keyboard.press("Equal")
+    page.keyboard.press("KeyX")
+    page.locator("#scene-button").click()
+    page.get_by_role("menuitemradio", name="Target:").last.click()
+    driver.hold("ArrowDown", f"{DEPTH} > 3")
+    driver.answered()
+    driver.settled()
+    before = driver.evaluate(ALL)
+    leave(driver)
+    driver.until(f"{DEPTH} > 3")
+    driver.settled()
+    assert driver.evaluate(ALL) == before
+    page.locator("#scene-button").click()
+    chosen = page.locator("[role=menuitemradio][aria-checked=true]").all_inner_texts()
+    assert chosen[-1] == page.get_by_role("menuitemradio", name="Target:").last.inner_text()
+    page.keyboard.press("Escape")
+
+
+def test_a_key_held_over_a_reload_pushes_no_further(drive):
+    driver = drive(script=LINK)
+    driver.page.keyboard.down("ArrowDown")
+    driver.until(f"{DEPTH} > 3")
+    reload(driver)
+    driver.passed(30)
+    assert driver.evaluate("link.asked") == []
     driver.page.keyboard.up("ArrowDown")
-    driver.page.keyboard.press("ArrowDown")
-    driver.until(f"{DEPTH} === 0.5")
+
+
+def test_a_frozen_session_is_frozen_after_a_reload(drive):
+    driver = drive(script=LINK)
+    driver.hold("ArrowDown", f"{DEPTH} > 2")
+    driver.answered()
+    driver.page.keyboard.press("Space")
+    driver.until(f"{STATUS} === 'frozen'")
+    driver.page.reload()
+    driver.until(f"{STATUS} === 'frozen' && {DEPTH} > 2")
+    driver.page.keyboard.press("Space")
+    driver.live()
+
+
+@pytest.mark.slow
+def test_a_session_that_goes_on_in_another_page_is_not_taken_back(drive):
+    driver = drive(script=LINK)
+    driver.evaluate("() => { window.other = new link.Native(link.socket.url.split('?')[0] + '?session=' + link.key); }")
+    driver.until(f"{STATUS} === 'lost'")
+    button = driver.page.get_by_role("button", name="Start a new session")
+    button.wait_for()
+    assert "goes on in another page" in driver.page.locator(".lost p").inner_text()
+    button.click()
+    driver.live()
 
 
 TABS = 8

@@ -26,6 +26,7 @@ def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
     assert scene["limits"]["needle"]["depth"] == [0, 80]
     assert [target["id"] for target in scene["targets"]] == ["vessel", "beside"]
     assert page.state["needle"]["depth"] == 0
+    assert scene["start"] == scene["state"]
     assert [(mesh["name"], mesh["kind"]) for mesh in page.geometry["meshes"]] == [
         ("vessel", "surface"), ("skin", "surface"), ("grid", "lines"),
     ]  # fmt: skip

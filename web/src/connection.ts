@@ -10,13 +10,22 @@ export function retryDelay(attempt: number): number {
   return RETRY[Math.min(attempt, RETRY.length) - 1];
 }
 
+/** How a socket closes: idle for too long, against the rules, kept out, gone on in another page. */
 const IDLE = 1001;
+const POLICY = 1008;
+const KEPT_OUT = 1006;
+const TAKEN_OVER = 4001;
+/** What is not tried again until the person says so. */
+const FINAL: readonly number[] = [IDLE, TAKEN_OVER];
+/** After these the server keeps no session. */
+const FORGOTTEN: readonly number[] = [IDLE, POLICY, TAKEN_OVER];
 
-/** Where the server listens: beside the page, with the page's own token. */
-export function liveAddress(page: string): string {
+/** Where the server listens: beside the page, with the page's own token, and the key of a session to come back to. */
+export function liveAddress(page: string, session: string | null = null): string {
   const address = new URL("live", page);
   address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
   address.search = new URL(page).search;
+  if (session) address.searchParams.set("session", session);
   address.hash = "";
   return address.href;
 }
@@ -39,16 +48,27 @@ export class Connection {
   private timer = 0;
   private attempt = 0;
 
-  constructor(private readonly address: string) {}
+  /** `session`: the key of a session to come back to. */
+  constructor(
+    private readonly page: string,
+    public session: string | null = null,
+  ) {}
 
   open(): void {
     window.clearTimeout(this.timer);
     this.drop();
-    const socket = new WebSocket(this.address);
+    const socket = new WebSocket(liveAddress(this.page, this.session));
+    let opened = false;
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => this.read(event.data as string | ArrayBuffer);
-    socket.onopen = () => this.opened.emit();
-    socket.onclose = (event) => this.again(event.code, event.reason);
+    socket.onopen = () => {
+      opened = true;
+      this.opened.emit();
+    };
+    socket.onclose = ({ code, reason }) => {
+      const loss = this.again(code, reason);
+      if (code === KEPT_OUT && !opened) void this.askWhy(loss);
+    };
     this.socket = socket;
   }
 
@@ -90,12 +110,23 @@ export class Connection {
     }
   }
 
-  private again(code: number, reason: string): void {
+  private again(code: number, reason: string): Loss {
     this.socket = null;
     this.attempt += 1;
-    const wait = code === IDLE ? null : retryDelay(this.attempt);
+    if (FORGOTTEN.includes(code)) this.session = null;
+    const wait = FINAL.includes(code) ? null : retryDelay(this.attempt);
     if (wait !== null) this.timer = window.setTimeout(() => this.open(), 1000 * wait);
     const nextAt = wait === null ? null : performance.now() + 1000 * wait;
-    this.lost.emit({ attempt: this.attempt, nextAt, reason: reason || (code === IDLE ? "idle for too long" : "") });
+    const loss = { attempt: this.attempt, nextAt, reason: reason || (code === IDLE ? "idle for too long" : "") };
+    this.lost.emit(loss);
+    return loss;
+  }
+
+  /** A socket that never opened does not say why; a plain request of the same address does, where somebody is there. */
+  private async askWhy(loss: Loss): Promise<void> {
+    const address = liveAddress(this.page).replace(/^ws/, "http");
+    const answer = await fetch(address).catch(() => null);
+    if (answer?.status !== 403 && answer?.status !== 503) return;
+    loss.reason = (await answer.text()).trim().replace(/\.$/, "");
   }
 }

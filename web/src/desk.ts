@@ -198,7 +198,7 @@ export class Desk {
   /** The probe back to where the scene put it. */
   private recentre(): void {
     const { scene } = this.session;
-    if (scene) for (const axis of PROBE_AXES) this.goTo(axis, read(scene.state, axis), "fast");
+    if (scene) for (const axis of PROBE_AXES) this.goTo(axis, read(scene.start, axis), "fast");
   }
 
   private reset(): void {

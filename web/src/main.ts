@@ -1,6 +1,6 @@
 /** The page: one session, its parts, and one loop. */
 
-import { Connection, liveAddress } from "./connection";
+import { Connection } from "./connection";
 import { Desk } from "./desk";
 import { h } from "./dom";
 import { returnFocus } from "./input/focus";
@@ -24,6 +24,7 @@ import { ReadoutsPart } from "./parts/readouts";
 import { RefusalSheet } from "./parts/refusal";
 import { tapped, ViewPane } from "./parts/viewPane";
 import { Session } from "./session";
+import { leaveKey, takeKey } from "./sessionKey";
 import "./styles/tokens.css";
 import "./styles/controls.css";
 import "./styles/layout.css";
@@ -39,7 +40,8 @@ const LONGEST_STEP = 0.1;
 /** ms between steps without an image where a processor draws the page: the image needs it too. */
 const SLOW_PACE = 60;
 
-const link = new Connection(liveAddress(location.href));
+const link = new Connection(location.href, takeKey());
+leaveKey(() => link.session);
 const session = new Session(link);
 const desk = new Desk(session);
 

@@ -45,6 +45,10 @@ export interface Hello {
   scenes: { id: string; name: string; description: string }[];
   scene: string;
   notice: string;
+  /** The key with which this page comes back to its session, whether it has, and how long it is kept, s. */
+  session: string;
+  resumed: boolean;
+  kept_s: number;
 }
 export interface Loading { type: "loading"; scene: string; name: string; share: number }
 export interface Scene {
@@ -63,7 +67,9 @@ export interface Scene {
   tolerance_mm: number;
   half_slice_mm: number;
   limits: Limits;
+  /** What is in force, and where the scene starts. */
   state: State;
+  start: State;
 }
 export interface Refused {
   type: "refused";

@@ -32,6 +32,8 @@ export class Session {
   /** The last frame drawn. */
   frame: Frame | null = null;
   status: Status = "connecting";
+  /** Whether the scene goes on where it was, rather than from its start. */
+  resumed = false;
   loss: Loss | null = null;
   lastDrawnAt = 0;
   readonly meter = new Meter();
@@ -162,7 +164,7 @@ export class Session {
   reset(): void {
     if (this.status === "frozen") this.toggleFreeze();
     this.link.send({ type: "reset" });
-    if (this.wish && this.scene) this.want(this.scene.state);
+    if (this.wish && this.scene) this.want(this.scene.start);
   }
 
   restore(): void {
@@ -257,6 +259,8 @@ export class Session {
     switch (message.type) {
       case "hello":
         this.hello = message;
+        this.link.session = message.session;
+        this.resumed = message.resumed;
         return this.greeted.emit(message);
       case "loading":
         // the scene before goes on until the next one is ready
@@ -280,7 +284,8 @@ export class Session {
   }
 
   private begin(scene: Scene): void {
-    const again = this.scene?.id === scene.id ? this.wish : null;
+    // a server that kept the session says where it is; one that was started anew is told where the hand was
+    const again = this.kept && !this.resumed && this.scene?.id === scene.id ? this.wish : null;
     const model = this.model;
     this.scene = scene;
     this.model = scene.model;
@@ -288,21 +293,21 @@ export class Session {
     this.frame = this.early = null;
     this.pending = [];
     this.setStatus("loading");
-    this.wish = this.kept && again ? { ...again, frozen: false } : scene.state;
+    this.wish = again ? { ...again, frozen: false } : scene.state;
     this.lastSent = scene.state;
     this.sent.clear();
     this.sent.set(0, scene.state);
     this.sceneReady.emit(scene);
     this.wished.emit(this.wish);
-    if (this.kept && again && model !== scene.model) this.chooseModel(model);
+    if (again && model !== scene.model) this.chooseModel(model);
     this.tellView();
-    this.kept = false;
+    this.kept = this.resumed = false;
     this.flush(performance.now());
     // until the server is where the hand was, its numbers are of another pose
     this.awaited = this.seq;
   }
 
-  /** After a lost connection the same scene goes on where the hand was. */
+  /** After a lost connection the same scene goes on where the hand was, whatever the server still knows. */
   private kept = false;
 
   private restart(): void {

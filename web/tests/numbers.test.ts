@@ -82,6 +82,7 @@ describe("hands and links", () => {
 
   it("finds the socket beside the page, with its token", () => {
     expect(liveAddress("http://127.0.0.1:8765/?token=abc#x")).toBe("ws://127.0.0.1:8765/live?token=abc");
+    expect(liveAddress("https://host/a/?token=abc", "k-1")).toBe("wss://host/a/live?token=abc&session=k-1");
   });
 });
 

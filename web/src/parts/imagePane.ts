@@ -189,7 +189,7 @@ export class ImagePane {
 
 /** Whether the needle starts on the right of the probe. */
 export function needleRight(scene: Scene): boolean {
-  return scene.state.needle.u - scene.state.probe.slide > 0;
+  return scene.start.needle.u - scene.start.probe.slide > 0;
 }
 
 /** The raster of an image that has not come yet, fine enough to be placed. */

@@ -42,7 +42,9 @@ export class LostPanel {
     if (this.element.hidden || now - this.shownAt < EVERY) return;
     this.shownAt = now;
     const { loss, lastDrawnAt } = this.session;
-    write(this.title, lastDrawnAt ? "Connection lost" : "Not connected");
+    const waits = loss?.nextAt === null;
+    write(this.title, waits || !lastDrawnAt ? "Not connected" : "Connection lost");
+    write(this.now, waits ? "Start a new session" : "Connect now");
     const age = lastDrawnAt ? `The image is ${Math.round((now - lastDrawnAt) / 1000)} s old. Needle and probe are held where they were. ` : "";
     const reason = loss?.reason ? `The server says: ${loss.reason}. ` : "";
     const wait = loss?.nextAt ? Math.max(0, Math.ceil((loss.nextAt - now) / 1000)) : null;

@@ -29,11 +29,11 @@ export class MotionPlot {
       this.dirty = true;
     }).observe(this.svg);
     session.drawn.on(({ header }) => {
-      this.curves.add(session.model, header);
+      this.curves.add(header.model, header);
       this.dirty = true;
     });
     session.sceneReady.on(() => {
-      this.curves.clear();
+      if (!session.resumed) this.curves.clear();
       this.dirty = true;
     });
   }

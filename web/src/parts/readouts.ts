@@ -9,6 +9,8 @@ import type { Session } from "../session";
 import { parts } from "./words";
 
 const EVERY = 100;
+/** ms after which numbers of another model or target than is chosen are taken away. */
+const APART = 300;
 /** Share of the needle that may be in before its end is near. */
 const NEEDLE_END = 0.95;
 
@@ -38,6 +40,7 @@ export class ReadoutsPart {
   private readonly cautions = { depth: new Caution(1), plane: new Caution(1), folds: new Caution(0.5) };
   private writtenAt = -Infinity;
   private written = -1;
+  private apartSince: number | null = null;
 
   constructor(private readonly session: Session) {
     this.rows.plane.note.before(h("span", { class: "plane-bar", "aria-hidden": "true" }, this.slice, this.bar));
@@ -51,6 +54,8 @@ export class ReadoutsPart {
   tick(now: number): void {
     const { frame, scene, status } = this.session;
     if (!frame || !scene || (status !== "live" && status !== "frozen") || now - this.writtenAt < EVERY) return;
+    this.apartSince = this.session.agrees ? null : (this.apartSince ?? now);
+    if (this.apartSince !== null && now - this.apartSince > APART) return this.blank();
     const amber = this.judge(frame.header, scene, now);
     if (frame.header.frame === this.written && !amber) return;
     this.writtenAt = now;
@@ -96,6 +101,7 @@ export class ReadoutsPart {
   }
 
   private blank(): void {
+    this.written = -1;
     for (const { root, number, note } of Object.values(this.rows)) {
       write(number, "–");
       number.removeAttribute("data-value");

@@ -8,8 +8,9 @@ export const FOV = 30;
 const AIR = 1.06;
 /** mm of the probe above the skin. */
 const PROBE_HEIGHT = 108;
-/** Share of the needle outside that should be in sight. */
-const NEEDLE_SHARE = 0.3;
+/** mm of the needle's hub behind its length, and of its rim beside its axis. */
+const HUB = 7;
+const RIM = 6;
 
 /** The middle of what is seen and the distance from it; `away` points from there to the camera. */
 export function framed(points: readonly Vec[], away: Vec, up: Vec, aspect: number): { centre: number[]; distance: number } {
@@ -28,18 +29,19 @@ export function framed(points: readonly Vec[], away: Vec, up: Vec, aspect: numbe
   return { centre, distance: Math.max(...distances) };
 }
 
-/** The corners of the tissue, the probe and the start of the needle. */
+/** The corners of the tissue, the probe, and all of the needle while it is out. */
 export function inSight(scene: Scene): number[][] {
   const { low, high } = scene.box;
   const { right, depth, out, skin_origin } = scene.frame;
   const corners = Array.from({ length: 8 }, (_, k) => [0, 1, 2].map((axis) => ((k >> axis) & 1 ? high : low)[axis]));
-  const { u, v, angle, swing } = scene.state.needle;
+  const { u, v, angle, swing } = scene.start.needle;
   const entry = add(add(skin_origin, scale(right, u)), scale(out, v));
-  const hub = add(entry, scale(needleDirection(scene.frame, angle, swing), -NEEDLE_SHARE * scene.needle.length_mm));
-  return [...corners, add(skin_origin, scale(depth, -PROBE_HEIGHT)), hub];
+  const hub = add(entry, scale(needleDirection(scene.frame, angle, swing), -(scene.needle.length_mm + HUB)));
+  const rim = [right, depth, out].flatMap((way) => [-RIM, RIM].map((far) => add(hub, scale(way, far))));
+  return [...corners, add(skin_origin, scale(depth, -PROBE_HEIGHT)), ...rim];
 }
 
 /** Whether the needle comes in from the right. */
 export function needleIn(scene: Scene): boolean {
-  return scene.state.needle.u > 0;
+  return scene.start.needle.u > 0;
 }
