@@ -114,3 +114,10 @@ def test_faces_too_many_for_the_memory_are_refused_with_the_bytes(monkeypatch):
 def test_the_moving_mesh_cannot_pin_every_node():
     with pytest.raises(ValueError, match=r"anchors = 'all' needs accumulation='maximum'"):
         ss.Insertion(ss.Tissue(ss.Grid.unit_cube(9)), anchors="all", accumulation="incremental")
+
+
+def test_faces_whose_matrix_is_singular_to_rounding_are_refused():
+    tissue = ss.Tissue(ss.Grid(shape=(9, 9, 9), spacing=(1, 1, 1e-3)))
+    with pytest.raises(ValueError, match=r"anchors = 'all': .* singular to rounding; set smoothing above zero, or"):
+        ss.PolyharmonicSpline.pinning_faces(tissue, kernel=ss.Triharmonic())
+    ss.PolyharmonicSpline.pinning_faces(tissue)  # U = r bears it

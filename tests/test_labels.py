@@ -59,9 +59,7 @@ def by_serve(path):
 def test_every_verb_refuses_the_same_numbers_by_name(tmp_path, read, value):
     write_volume(labelled(block(value)), tmp_path / "organs.nrrd")
     (tmp_path / "organs.csv").write_text("label,name\n4,liver\n")
-    with pytest.raises(
-        ValueError, match=r"labels = '.*organs\.nrrd' has a voxel of .*; give a label map, whole"
-    ):
+    with pytest.raises(ValueError, match=r"labels = '.*organs\.nrrd' has a voxel of .*; give a label map, whole"):
         read(tmp_path / "organs.nrrd")
 
 

@@ -231,3 +231,42 @@ def test_limit_of_epsilon_does_not_depend_on_the_unit_for_the_triharmonic_kernel
     """For U = r^3 the diagonal is a length cubed: 1e-3 m^3 is 1e6 mm^3."""
     ss.PolyharmonicSpline(CUBE, kernel=ss.Triharmonic(), paper_epsilon=1e-3)
     ss.PolyharmonicSpline(1e3 * CUBE, kernel=ss.Triharmonic(), paper_epsilon=1e6)
+
+
+def with_an_outlier(rng, distance):
+    points = rng.random((30, 3))
+    points[0] *= distance
+    return points, rng.normal(size=points.shape)
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=repr)
+@pytest.mark.parametrize("distance", [10.0**k for k in range(13)])
+def test_landmarks_are_met_or_refused(rng, kernel, distance):
+    """However far one is from the others: never a field that quietly misses its landmarks."""
+    points, values = with_an_outlier(rng, distance)
+    try:
+        field = ss.PolyharmonicSpline.fit(points, values, kernel=kernel)
+    except ValueError as error:
+        assert distance >= 1e3
+        assert any(
+            remedy in str(error)
+            for remedy in ("remove outliers", "remove one of them", "keep one of them", "off that plane")
+        )
+    else:
+        assert np.abs(field.displacement(points) - values).max() < 1e-4
+
+
+def test_an_outlier_is_refused_with_the_nearest_pair(rng):
+    points, values = with_an_outlier(rng, 1e9)
+    with pytest.raises(
+        ValueError, match=r"points spread over .*e\+08, but points \d+ and \d+ are .* apart: too uneven"
+    ):
+        ss.PolyharmonicSpline.fit(points, values)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e150, 1e308])
+def test_units_beyond_all_measure_are_refused(scale):
+    with pytest.raises(
+        ValueError, match=r"points spread over .*e[-+]\d+ on either side; give different ones, in a unit"
+    ):
+        ss.PolyharmonicSpline(scale * CUBE)

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _SMALLEST_PIVOT = 1e-11
 """Coincident landmarks leave rounding here; neighbours on the finest lattices a thousand times more."""
+_LARGEST_ERROR = 1e-8
+"""Of an entry of the corners' matrix times its inverse."""
 _WORTH_THREADS = 20_000_000
 _ONE_THREAD = 60_000
 """Multiplications: of a product for which spinning threads pay, and for which BLAS starts none."""
@@ -48,7 +50,10 @@ class Base(ABC):
 
 
 class CornerBase(Base):
-    """Four landmarks that span a tetrahedron; they carry the affine part and nothing else."""
+    """Four landmarks that span a tetrahedron; they carry the affine part and nothing else.
+
+    LinAlgError where it is so flat or so far from the other landmarks that double precision loses it.
+    """
 
     def __init__(self, kernel: Kernel, corners: Array, diagonal: float) -> None:
         self.size = len(corners)
@@ -59,6 +64,8 @@ class CornerBase(Base):
         matrix[:4, 4:] = np.column_stack([np.ones(4), corners])
         matrix[4:, :4] = matrix[:4, 4:].T
         self._inverse = np.linalg.inv(matrix)
+        if np.abs(matrix @ self._inverse - np.eye(8)).max() > _LARGEST_ERROR:
+            raise np.linalg.LinAlgError("the corners span no tetrahedron to speak of")
 
     def columns(self, points: Array) -> Array:
         columns = np.empty((len(points), 8))

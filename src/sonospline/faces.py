@@ -30,6 +30,8 @@ _PARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 """Even (1) or odd (-1) under each of the two reflections."""
 _AUGMENTATION = 10.0
 """c of c R R^T, in units of the largest kernel value."""
+_LARGEST_ERROR = 1e-2
+"""Of a solution of size one that is known beforehand: beyond it nothing is left of double precision."""
 _CACHE_FORMAT = 1
 
 
@@ -159,8 +161,12 @@ class _Block:
         matrix += self._augmentation * (self._affine @ self._affine.T)
         packed, _ = lapack.dtrttf(matrix, transr="N", uplo="L")
         packed, failed = lapack.dpftrf(len(matrix), packed, transr="N", uplo="L", overwrite_a=1)
-        if failed:
-            raise ValueError(f"anchors = 'all': row {failed} of a block is singular; set smoothing above zero")
+        known = np.cos(np.arange(len(matrix)))[:, None]
+        if failed or np.abs(_substitute(packed, matrix @ known) - known).max() > _LARGEST_ERROR:
+            raise ValueError(
+                f"anchors = 'all': the block of {len(matrix)} face nodes is singular to rounding; set smoothing above "
+                "zero, or use a grid of more even spacing or the kernel U = r"
+            )
         return packed
 
     def take(self, packed: Array) -> None:
@@ -172,15 +178,20 @@ class _Block:
     def solve(self, values: Array, constraints: Array) -> tuple[Array, NDArray[Any]]:
         """Solve K w + R a = values (n, m), R^T w = constraints (p, m)."""
         weights = self._back(values + self._augmentation * (self._affine @ constraints))
+        # 2 x 2 at most and nearly the identity over c, thanks to c R R^T: its condition stays below a hundred
         affine = np.linalg.solve(self._gram, self._affine.T @ weights - constraints)
         return weights - self._to_affine @ affine, affine
 
     def _back(self, right: Array) -> Array:
-        from scipy.linalg import lapack
+        return _substitute(self._packed, right)
 
-        if right.size == 0:
-            return right
-        return lapack.dpftrs(len(right), self._packed, right, transr="N", uplo="L")[0]
+
+def _substitute(packed: Array, right: Array) -> Array:
+    from scipy.linalg import lapack
+
+    if right.size == 0:
+        return right
+    return lapack.dpftrs(len(right), packed, right, transr="N", uplo="L")[0]
 
 
 def _orbits(nodes: Index, shape: tuple[int, int, int], along_face: list[int]) -> Index:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _memory
 from .grid import Grid, face_slice
 from .interaction import History, NeedleTissueModel
 from .needle import Needle
@@ -26,6 +27,7 @@ Index = NDArray[np.int64]
 _CENTRINGS = {"simple": 1.0, "face": 0.5, "body": 0.25}
 _SAMPLE = 4_000
 _SURELY_TOO_MANY = 2.0
+_BYTES_A_SAMPLE = 3000
 
 AXIS_REACH = 0.75
 """Nodes this near to the axis, in spacings, are landmarks before any others."""
@@ -140,7 +142,9 @@ def _estimate_reachable(tissue: Tissue, needle: Needle, model: NeedleTissueModel
 def _near_axis(tissue: Tissue, needle: Needle, model: NeedleTissueModel) -> Index:
     grid = tissue.grid
     spacing = np.array(grid.spacing)
-    samples = np.arange(0, np.linalg.norm(grid.extent) + spacing.max(), 0.5 * spacing.min())
+    way, step = np.linalg.norm(grid.extent) + spacing.max(), 0.5 * spacing.min()
+    _memory.refuse_beyond(_BYTES_A_SAMPLE * int(way / step), f"grid.spacing = {grid.spacing}: the nodes along an axis")
+    samples = np.arange(0, way, step)
     nearest = np.rint(grid.local(needle.entry + samples[:, None] * needle.direction) / spacing)
     around = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
     nodes = (nearest[:, None] + around).reshape(-1, 3).astype(np.int64)

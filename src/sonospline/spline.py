@@ -28,6 +28,10 @@ EPSILON_LIMIT = 0.3
 the system is first singular at 0.40 of the spacing of a lattice."""
 _RESIDUAL_LIMIT = 1e-9
 """Largest residual of those equations, relative to the values, before everything is factored anew."""
+_ERROR_LIMIT = 1e-6
+"""Largest residual after that: beyond it the landmarks are not met, and the field is worth nothing."""
+_SCALES = 1e-60, 1e60
+"""Units of length whose cubes are numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,12 @@ class Frame:
     def around(cls, points: Array) -> Frame:
         """Return the frame of a set of landmarks."""
         low, high = points.min(axis=0), points.max(axis=0)
-        return cls((low + high) / 2, float((high - low).max()) / 2, np.eye(3))
+        scale = float((high / 2 - low / 2).max())
+        if not _SCALES[0] < scale < _SCALES[1]:
+            raise ValueError(
+                f"points spread over {scale:.3g} on either side; give different ones, in a unit of about their own size"
+            )
+        return cls(low / 2 + high / 2, scale, np.eye(3))
 
     @classmethod
     def of_grid(cls, grid: Grid) -> Frame:
@@ -124,14 +133,18 @@ class PolyharmonicSpline:
         kernel = Biharmonic() if kernel is None else kernel
         smoothing = _validate.number("smoothing", smoothing)
         epsilon = _validate.number("paper_epsilon", paper_epsilon)
-        _refuse_degenerate(points)
+        _refuse_too_few(points)
         frame = Frame.around(points)
+        _refuse_flat(frame.local(points))
         if epsilon > 0 and kernel.sign < 0:  # +eps regularises a positive definite kernel
             _refuse_singular(epsilon, _closest_pair(points, since=0)[0])
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = smoothing + kernel.sign * epsilon
         corners = _spread_out(points)
-        base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
+        try:
+            base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
+        except np.linalg.LinAlgError:
+            raise ValueError(_uneven(points)) from None
         others = np.setdiff1d(np.arange(len(points)), corners)
         self._begin(kernel, diagonal, frame, base, points.copy(), np.concatenate([corners, others]))
         self._factor(points[others], self.points, since=0)
@@ -253,10 +266,13 @@ class PolyharmonicSpline:
         at_base, others = ordered[: self._system.base_size], ordered[self._system.base_size :]
         solution = self._system.solve(at_base, others)
         residual = self._system.residual(solution, others)
-        if residual > _RESIDUAL_LIMIT:
+        if not residual <= _RESIDUAL_LIMIT:
             logger.warning("residual %.1e: factoring all %d landmarks anew", residual, len(self.points))
             self._system.refactor()
             solution = self._system.solve(at_base, others)
+            residual = self._system.residual(solution, others)
+            if not residual <= _ERROR_LIMIT:
+                raise ValueError(f"{_uneven(self.points)} (residual {residual:.1e})")
         weights = np.concatenate([solution.base_weights, solution.weights])
         weights /= self._frame.scale**self.kernel.homogeneity
         return KernelField(
@@ -280,9 +296,12 @@ def _matching_values(points: Array, values: ArrayLike) -> Array:
     return array
 
 
-def _refuse_degenerate(points: Array) -> None:
+def _refuse_too_few(points: Array) -> None:
     if len(points) < 4:
         raise ValueError(f"points has {len(points)} rows; a spline in 3-D needs at least 4 landmarks")
+
+
+def _refuse_flat(points: Array) -> None:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[2] <= 1e-9 * spread[0]:
         raise ValueError("points all lie in one plane; add a landmark off that plane")
@@ -298,6 +317,14 @@ def _spread_out(points: Array) -> NDArray[np.int64]:
         axis = left[chosen[-1]] / size[chosen[-1]]
         left = left - np.outer(left @ axis, axis)
     return np.array(chosen)
+
+
+def _uneven(points: Array) -> str:
+    distance, i, j = _closest_pair(points, since=0)
+    return (
+        f"points spread over {np.ptp(points, axis=0).max():.3g}, but points {j} and {i} are {distance:.1e} apart: too "
+        "uneven for double precision; remove outliers, or one of such pairs"
+    )
 
 
 def _earlier_distances(points: Array, *, since: int) -> Array:
