@@ -7,7 +7,6 @@ import pytest
 
 import sonospline as ss
 from poses import BOXES, poses
-from sonospline import _definite
 from sonospline.elastic import ElasticInsertion
 from sonospline.fem import Material
 from sonospline.kelvinlet import DRAG
@@ -100,20 +99,3 @@ def test_away_from_the_walls_the_whole_shaft_is_dragged_alike():
 def test_anchors_too_dense_for_a_kernel_are_refused():
     with pytest.raises(ValueError, match=r"anchors = 9 along each side are too near .* width = 20 .*; give fewer"):
         ss.KelvinletInsertion(box("cube"), ss.DragModel(drag=1, spacing=1, kernel=ss.Kelvinlet(width=20)), anchors=9)
-
-
-def test_a_sound_system_is_solved_as_it_is(rng):
-    root = rng.normal(size=(8, 8))
-    matrix, right = root @ root.T + np.eye(8), rng.normal(size=8)
-    np.testing.assert_allclose(matrix @ _definite.solve(matrix, right, most=np.inf), right, rtol=1e-10)
-    assert _definite.factor(matrix)[1] == pytest.approx(1 / np.linalg.cond(matrix, 1), rel=0.5)
-    assert _definite.factor(-matrix)[1] == 0
-
-
-@pytest.mark.parametrize("smallest", [1e-6, 1e-13, 0.0, -1e-17])
-def test_an_answer_keeps_to_its_energy(rng, smallest):
-    axes, _ = np.linalg.qr(rng.normal(size=(6, 6)))
-    matrix, right = axes * [1, 0.5, 0.1, 1e-2, 1e-4, smallest] @ axes.T, rng.normal(size=6)
-    for most in (1e-3, 1.0, 10.0):
-        found = _definite.solve(matrix, right, most=most)
-        assert found @ matrix @ found == pytest.approx(most, rel=1e-6)

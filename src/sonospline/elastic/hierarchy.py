@@ -49,7 +49,11 @@ def coarse_inverse(level: Level, tissue: Tissue, full: bool) -> NDArray[np.float
     if free.sum() > 2 * _DENSE:
         return np.zeros((0, 0), np.float32)
     factor, failed = dpotrf(stiffness(level, full)[free][:, free].toarray(order="F"), lower=True, overwrite_a=True)
-    assert not failed  # moduli are above zero and a face is pinned
+    if failed:  # moduli are above zero and a face is pinned, but double precision ends
+        raise ValueError(
+            f"shear moduli from {level[2].min():.3g} to {level[2].max():.3g} leave no solvable system; "
+            "give stiffnesses in better proportion"
+        )
     lower, _ = dpotri(factor, lower=True, overwrite_c=True)
     inverse = lower.astype(np.float32)
     return np.ascontiguousarray(np.tril(inverse) + np.tril(inverse, -1).T)

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 LARGEST_CONTRAST = 1e6
 """Stiffest over softest shear modulus, at most."""
+SMALLEST_MODULUS, LARGEST_MODULUS = 1e-9, 1e12
+"""In kPa, from a smoke to a diamond: what float32 can square."""
 LARGEST_RATIO = 0.49
 """Poisson's ratio, at most: beyond it multigrid converges too slowly to be live."""
 
@@ -56,6 +58,11 @@ class Moduli:
             raise ValueError(
                 f"shear = {self.shear.min():g} or lame = {self.lame.min():g} is out of range; "
                 "give shear moduli above zero and first moduli at or above zero"
+            )
+        if self.shear.min() < SMALLEST_MODULUS or max(self.shear.max(), self.lame.max()) > LARGEST_MODULUS:
+            raise ValueError(
+                f"shear moduli from {self.shear.min():.3g} to {self.shear.max():.3g} are beyond the solver's range; "
+                f"give stiffness in kPa, {SMALLEST_MODULUS:g} to {LARGEST_MODULUS:g}"
             )
         contrast = self.shear.max() / self.shear.min()
         if contrast > LARGEST_CONTRAST * (1 + _ROUNDING):

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MOST_ITERATIONS = 5000
+_RESIDUAL_LIMIT = 1e-6
+"""Of a factor, relative to the right-hand side."""
 # Bytes of a factor are about these times n^(4/3), measured on cubes of 25^3 and 31^3 nodes.
 _BYTES_SUPERLU, _BYTES_PARDISO = 450, 210
 
@@ -39,7 +41,7 @@ class Solver(ABC):
     def solve(self, matrix: Any, right: Array, tolerance: float, held: Mask | None = None) -> tuple[Array, int]:
         """Solve for the components not held, those being zero; return also the iterations taken."""
         if self.exact and held is None:
-            return self.apply(right), 0
+            return _met(matrix, self.apply(right), right), 0
         return conjugate_gradients(matrix, right, self.apply, tolerance, held)
 
 
@@ -115,7 +117,10 @@ def conjugate_gradients(
         new = float(residual @ conditioned)
         direction = conditioned + new / old * direction
         ahead = project(matrix @ direction)
-        step = new / (direction @ ahead)
+        curvature = float(direction @ ahead)
+        if not curvature > 0:
+            raise RuntimeError(f"conjugate gradients broke down (curvature {curvature:g}); use solver='direct'")
+        step = new / curvature
         solution += step * direction
         residual = residual - step * ahead
         old = new
@@ -123,6 +128,17 @@ def conjugate_gradients(
         f"conjugate gradients left a residual above {tolerance:g} after {_MOST_ITERATIONS} iterations; "
         "use solver='direct', a lower Poisson's ratio or a larger tolerance"
     )
+
+
+def _met(matrix: Any, found: Array, right: Array) -> Array:
+    """Return a factor's solution where it solves the system; RuntimeError where rounding ate it."""
+    missing, wanted = float(np.linalg.norm(matrix @ found - right)), float(np.linalg.norm(right))
+    if not missing <= _RESIDUAL_LIMIT * wanted:
+        raise RuntimeError(
+            f"the factor leaves a residual of {missing / wanted:.1e}: the system is singular to rounding; "
+            "use a lower Poisson's ratio or stiffnesses in better proportion"
+        )
+    return found
 
 
 @contextmanager

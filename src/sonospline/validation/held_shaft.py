@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _definite
 from ..elastic import ElasticSolver
 from ..fem import ShaftDisplacement
 from ..needle import Needle
@@ -12,6 +13,8 @@ from ..needle import Needle
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-5
+_SMALLEST_CONDITION = 100 * _TOLERANCE
+"""Of the nodes' compliance, reciprocal: its entries err by the tolerance, the strengths by a hundredth at most."""
 
 
 def held_shaft(solver: ElasticSolver, load: ShaftDisplacement, needle: Needle) -> Array:
@@ -23,7 +26,7 @@ def held_shaft(solver: ElasticSolver, load: ShaftDisplacement, needle: Needle) -
     Raises
     ------
     ValueError
-        The load holds no node of the solver's grid.
+        The load holds no node of the solver's grid, or so many that their forces cannot be told apart.
 
     Examples
     --------
@@ -50,6 +53,8 @@ def held_shaft(solver: ElasticSolver, load: ShaftDisplacement, needle: Needle) -
         state = solver.equilibrium(force.reshape(3, *grid.shape), tolerance=_TOLERANCE)
         response[:] = state.displacement.reshape(3, -1)
     compliance = np.einsum("a,jan->nj", direction, responses[:, :, nodes])
+    if _definite.factor(compliance)[1] < _SMALLEST_CONDITION:
+        raise ValueError(f"load = {load!r} holds {len(nodes)} nodes that cannot be told apart; give a smaller radius")
     strengths = np.linalg.solve(compliance, along[nodes])
     moved = np.einsum("j,jan->na", strengths, responses) @ grid.direction.T
     return moved.reshape(*grid.shape, 3)

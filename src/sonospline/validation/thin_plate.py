@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 _IN_PLANE = 0.5
 """Nodes this near to the plane, in spacings, count as in it."""
+_MISSED = 1e-6
+"""Largest distance of a landmark from its target, relative to the largest target."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,12 @@ class ThinPlate:
         )
         self.at_plane_nodes = self._displacement(self.plane.nodes)
         """(m, 3) displacement of the plane's nodes."""
+        missed = np.abs(self._spline(self.plane.nodes[landmarks]) - targets[landmarks]).max()
+        if not missed <= _MISSED * np.abs(targets).max(initial=0.0):
+            raise ValueError(
+                f"the thin plate misses its {landmarks.sum()} landmarks by {missed:.1e}: its system is singular to "
+                "rounding; use a coarser grid"
+            )
 
     def _displacement(self, places: Array) -> Array:
         return self._spline(places) @ self.plane.axes @ self.reference.tissue.grid.direction.T
