@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-import gzip
-import re
-import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .. import _memory
 from .._extras import require
+from ..grid import Grid
 from ..volume import Volume
-from .files import regular_file
+from .headers import WHOLE, Header, HeaderError, read_header
 from .writing import write_image
 
 SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
-_NIFTI_HEADER = 352
+_CONVERT = "of a DICOM series: load it in 3D Slicer and save it as .nrrd, or use dcm2niix -z y"
+_RESAMPLE = "resample the image onto axes at right angles"
 
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
 """Flips x and y of positions and of displacement vectors; its own inverse."""
 
 
 def suffix_of(path: Path, name: str = "volume") -> str:
-    """Return the volume suffix of a path, or raise ValueError for a file type that is not one."""
+    """Return the volume suffix of a path, or raise ValueError for a folder or a file type that is not one."""
+    if path.is_dir() or path.suffix.lower() in (".dcm", ".ima"):
+        kind = "a folder" if path.is_dir() else "one slice of a DICOM series"
+        raise ValueError(f"{name} = {str(path)!r} is {kind}; give one image file ({_CONVERT})")
     for suffix in SUFFIXES:
         if path.name.lower().endswith(suffix):
             return suffix
@@ -49,19 +55,24 @@ def read_volume(path: str | Path, *, name: str = "volume") -> Volume:
     """
     path = Path(path)
     suffix_of(path, name)
-    regular_file(path, name, "the path of an image file")
-    sitk = require("SimpleITK")
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(str(path))
-    try:
-        reader.ReadImageInformation()
-        _refuse_unfit(path, name, reader)
-        _refuse_truncated(path, reader)
-        image = reader.Execute()
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise ValueError(f"{name} = {str(path)!r} cannot be read ({reason}); check that the file is whole") from None
-    return from_sitk(image)
+    with _errors_named(where := f"{name} = {str(path)!r}"):
+        header, reader = _open(path, name)
+        _refuse_unfit(where, header, reader)
+        return Volume(voxels=_voxels(header, reader), **_placement(reader))
+
+
+def read_image(path: Path, name: str) -> Any:
+    """Read an image of one of :data:`SUFFIXES`, of any dimension and colour, as SimpleITK's.
+
+    Raises
+    ------
+    ValueError
+        A file that cannot be read: damaged, cut, or of a kind that would be read wrongly.
+    """
+    with _errors_named(f"{name} = {str(path)!r}"):
+        header, reader = _open(path, name)
+        header.check_bytes()
+        return reader.Execute()
 
 
 def write_volume(volume: Volume, path: str | Path) -> None:
@@ -71,13 +82,8 @@ def write_volume(volume: Volume, path: str | Path) -> None:
 
 def from_sitk(image: Any) -> Volume:
     """Return a SimpleITK image (LPS) as a Volume (RAS); the voxels are copied."""
-    sitk = require("SimpleITK")
-    return Volume(
-        voxels=sitk.GetArrayFromImage(image).transpose(2, 1, 0),
-        spacing=image.GetSpacing(),
-        origin=RAS_TO_LPS @ np.array(image.GetOrigin()),
-        direction=RAS_TO_LPS @ np.array(image.GetDirection()).reshape(3, 3),
-    )
+    voxels = require("SimpleITK").GetArrayFromImage(image).transpose(2, 1, 0)
+    return Volume(voxels=voxels, **_placement(image))
 
 
 def to_sitk(volume: Volume) -> Any:
@@ -94,46 +100,63 @@ def place(image: Any, lattice: Any) -> None:
     image.SetDirection((RAS_TO_LPS @ lattice.direction).ravel().tolist())
 
 
-def _refuse_unfit(path: Path, name: str, reader: Any) -> None:
+@contextmanager
+def _errors_named(where: str) -> Iterator[None]:
+    """Name the file, and what to do, in whatever goes wrong in reading it."""
+    try:
+        yield
+    except HeaderError as error:
+        raise ValueError(f"{where} cannot be read ({error}); {error.remedy}") from None
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        remedy = _RESAMPLE if "orthonormal" in reason else WHOLE
+        raise ValueError(f"{where} cannot be read ({reason}); {remedy}") from None
+
+
+def _open(path: Path, name: str) -> tuple[Header, Any]:
+    """An image's header, checked, and SimpleITK's reader that has read it, too."""
+    header = read_header(path, name)
+    _memory.refuse_beyond(2 * header.voxels_bytes, f"{name} = {str(path)!r}: its voxels")
+    reader = require("SimpleITK").ImageFileReader()
+    reader.SetFileName(str(path))
+    reader.SetImageIO(header.reader)
+    reader.ReadImageInformation()
+    return header, reader
+
+
+def _voxels(header: Header, reader: Any) -> NDArray[Any]:
+    """Voxels by i, j, k. What is packed is unpacked here, once, for SimpleITK does not ask whether it was whole."""
+    if header.payload.packed and not header.scaled and reader.GetSize() == header.sizes:
+        return header.unpacked()
+    header.check_bytes()
+    return require("SimpleITK").GetArrayFromImage(reader.Execute()).transpose(2, 1, 0)
+
+
+def _refuse_unfit(where: str, header: Header, reader: Any) -> None:
+    """Refuse what is no 3-D grey image on a lattice."""
+    if header.tracked:
+        frames = f" of {header.sizes[-1]} frames" if len(header.sizes) > 2 else ""
+        raise ValueError(
+            f"{where} is a tracked recording{frames}, not a 3-D image; reconstruct a volume from it (Volume "
+            "Reconstruction in 3D Slicer, VolumeReconstructor of PLUS)"
+        )
     size, channels = reader.GetSize(), reader.GetNumberOfComponents()
-    where = f"{name} = {str(path)!r}"
+    if header.payload.path.name.lower().endswith(".seg.nrrd") and (len(size) != 3 or channels != 1):
+        raise ValueError(f"{where} is a segmentation in several layers; export it as one label map from 3D Slicer")
     if len(size) != 3 or min(size) < 2:
         raise ValueError(f"{where} has size {size}; give a 3-D image of at least 2 voxels along each axis")
     if channels != 1:
         raise ValueError(f"{where} has {channels} channels a voxel; give a grey image, not colour or vectors")
+    try:
+        Grid(shape=size, **_placement(reader))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}; {_RESAMPLE}") from None
 
 
-def _refuse_truncated(path: Path, reader: Any) -> None:
-    """Refuse a file with fewer bytes than voxels where the format's reader pads with zeros in silence."""
-    held = _payload_bytes(path)
-    voxel_bytes = require("SimpleITK").Image([1, 1, 1], reader.GetPixelID()).GetSizeOfPixelComponent()
-    if held is not None and held < int(np.prod(reader.GetSize())) * voxel_bytes:
-        raise RuntimeError("fewer bytes than voxels")
-
-
-def _payload_bytes(path: Path) -> int | None:
-    """Bytes of voxels a file holds; None where its reader checks that by itself."""
-    suffix = suffix_of(path)
-    if suffix == ".nii":
-        return path.stat().st_size - _NIFTI_HEADER
-    if suffix == ".nii.gz":
-        try:
-            with gzip.open(path) as stream:
-                return sum(len(chunk) for chunk in iter(lambda: stream.read(1 << 20), b"")) - _NIFTI_HEADER
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise RuntimeError(str(error)) from None
-    if suffix in (".mha", ".mhd"):
-        return _meta_image_bytes(path)
-    return None
-
-
-def _meta_image_bytes(path: Path) -> int | None:
-    with path.open("rb") as stream:
-        header = stream.read(1 << 16)
-    entry = re.search(rb"^ElementDataFile *= *([^\r\n]+)\r?\n", header, re.MULTILINE)
-    if entry is None or re.search(rb"^CompressedData *= *True", header, re.MULTILINE):
-        return None
-    if entry[1] == b"LOCAL":
-        return path.stat().st_size - entry.end()
-    data = path.parent / entry[1].decode(errors="replace")
-    return data.stat().st_size if data.is_file() else None
+def _placement(image: Any) -> dict[str, Any]:
+    """Spacing, origin and direction in RAS of what SimpleITK says in LPS."""
+    return {
+        "spacing": image.GetSpacing(),
+        "origin": RAS_TO_LPS @ np.array(image.GetOrigin()),
+        "direction": RAS_TO_LPS @ np.array(image.GetDirection()).reshape(3, 3),
+    }

@@ -89,13 +89,8 @@ class Frame:
             where ``spacing_mm`` is not given.
         """
         path = regular_file(path, "frame", "the path of an image file")
-        sitk = require("SimpleITK")
-        try:
-            image = sitk.ReadImage(str(path))
-        except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1]
-            raise ValueError(f"frame = {str(path)!r} cannot be read ({reason}); give a grey image") from None
-        pixels = sitk.GetArrayFromImage(image)
+        image = _read_picture(path)
+        pixels = require("SimpleITK").GetArrayFromImage(image)
         if image.GetNumberOfComponentsPerPixel() != 1:
             raise ValueError(f"frame = {str(path)!r} is coloured; give a grey image")
         while pixels.ndim > 2:
@@ -164,6 +159,19 @@ class Frame:
         image.SetOrigin((RAS_TO_LPS @ self.plane.affine[:, 2]).tolist())
         image.SetDirection((RAS_TO_LPS @ self.plane.image_to_reference[:3, :3]).ravel().tolist())
         write_image(image, path)
+
+
+def _read_picture(path: Path) -> Any:
+    """An image of any type SimpleITK reads, as its own."""
+    from ..io.volumes import SUFFIXES, read_image
+
+    if path.name.lower().endswith(SUFFIXES):
+        return read_image(path, "frame")
+    try:
+        return require("SimpleITK").ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise ValueError(f"frame = {str(path)!r} cannot be read ({reason}); give a grey image") from None
 
 
 def as_bytes(pixels: NDArray[Any]) -> NDArray[np.uint8]:

@@ -1,0 +1,152 @@
+"""What a header says, and whether it can be true."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import isfinite, prod
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files import open_file
+from .errors import HeaderError
+from .payload import Payload
+
+LARGEST_MM = 1e9
+"""Coordinates and spacings beyond are no millimetres of anybody's."""
+LARGEST_COSINE = 1e3
+"""Of a direction matrix: far above 1, since it is the size that makes ITK loop; the rest it refuses by itself."""
+MOST_DIMENSIONS = 7
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_WHOLE = re.compile(r"[+-]?\d{1,18}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """A header in the terms of every format.
+
+    Parameters
+    ----------
+    reader : str
+        ITK's reader of the format.
+    sizes : tuple of int
+        Along each axis of the file.
+    dtype : numpy.dtype
+        Of the numbers, as they are stored.
+    channels : int, default: 1
+        Numbers a voxel.
+    scaled : bool, default: False
+        Whether the numbers stand for others.
+    spacing, origin, direction : sequence of float
+        As far as the header gives them.
+    payload : Payload
+        Where the voxels are.
+    tracked : bool
+        Whether frames of a tracked recording follow each other along the last axis.
+    """
+
+    reader: str
+    sizes: tuple[int, ...]
+    dtype: np.dtype[Any]
+    channels: int = 1
+    scaled: bool = False
+    spacing: Sequence[float] = ()
+    origin: Sequence[float] = ()
+    direction: Sequence[float] = ()
+    payload: Payload
+    tracked: bool = False
+
+    @property
+    def voxels_bytes(self) -> int:
+        """Bytes that all voxels take, as they are stored."""
+        return prod(self.sizes) * self.channels * self.dtype.itemsize
+
+    def check(self) -> None:
+        """Raise HeaderError where a size or a place is absurd, or the file holds fewer bytes than voxels."""
+        if not 1 <= len(self.sizes) <= MOST_DIMENSIONS or min(self.sizes) < 1:
+            raise HeaderError(f"sizes {list(self.sizes)}")
+        for name, values, largest in (
+            ("spacing", self.spacing, LARGEST_MM),
+            ("origin", self.origin, LARGEST_MM),
+            ("direction", self.direction, LARGEST_COSINE),
+        ):
+            if not all(isfinite(value) and abs(value) <= largest for value in values):
+                raise HeaderError(f"{name} {[float(value) for value in values]}")
+        if not all(abs(value) >= 1 / LARGEST_MM for value in self.spacing):
+            raise HeaderError(f"spacing {[float(value) for value in self.spacing]}")
+
+    def check_bytes(self) -> None:
+        """Raise HeaderError where the file holds fewer bytes than voxels; reads what is compressed."""
+        if self.payload.held(self.voxels_bytes) < self.voxels_bytes:
+            raise HeaderError("fewer bytes than voxels")
+
+    def unpacked(self) -> NDArray[Any]:
+        """Return the voxels of a compressed file, indexed along the axes of :attr:`sizes`."""
+        stored = self.payload.unpacked(self.voxels_bytes).view(self.dtype).reshape(self.sizes, order="F")
+        return stored.astype(self.dtype.newbyteorder("="), copy=False)
+
+
+Parser = Callable[[Path, BinaryIO], Header]
+
+
+def read_header(path: Path, name: str = "volume") -> Header:
+    """Read and check the header of an image file, by its suffix.
+
+    Raises
+    ------
+    HeaderError
+        A header that is not of its format, or that cannot be true.
+    ValueError
+        No ordinary file.
+    """
+    from . import meta_image, nifti, nrrd
+
+    parsers: dict[str, Parser] = {
+        ".mha": meta_image.parse, ".mhd": meta_image.parse, ".nrrd": nrrd.parse, ".nhdr": nrrd.parse,
+        ".nii": nifti.parse, ".gz": nifti.parse_packed,
+    }  # fmt: skip
+    with open_file(path, name, "the path of an image file") as stream:
+        header = parsers[path.suffix.lower()](path, stream)
+    header.check()
+    return header
+
+
+def numbers(field: str, text: str, count: int | None = None) -> list[float]:
+    """Return the finite numbers of a header's field."""
+    words = text.split()
+    if not all(_NUMBER.fullmatch(word) for word in words) or (count is not None and len(words) != count):
+        raise HeaderError(f"{field} = {shown(text)}")
+    return [float(word) for word in words]
+
+
+def whole(field: str, text: str) -> int:
+    """Return the whole number of a header's field."""
+    if not _WHOLE.fullmatch(text):
+        raise HeaderError(f"{field} = {shown(text)}")
+    return int(text)
+
+
+def shown(text: str) -> str:
+    """Return a value as an error shows it: short, on one line."""
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def data_file(path: Path, text: str) -> Path:
+    """Return the one file beside a header that holds its voxels.
+
+    Raises
+    ------
+    HeaderError
+        A list or a pattern of files, or no ordinary file.
+    """
+    if not text or "%" in text or text.upper().startswith("LIST"):
+        raise HeaderError(f"voxels in several files, {shown(text)}", "save the image as one file")
+    data = path.parent / text
+    if not data.is_file():
+        raise HeaderError(f"its voxels are to be in {shown(text)}, which is no file here", "keep both together")
+    return data

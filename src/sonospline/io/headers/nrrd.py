@@ -1,0 +1,159 @@
+"""Headers of NRRD files (.nrrd, .nhdr)."""
+
+from __future__ import annotations
+
+import re
+from math import sqrt
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from .errors import HeaderError
+from .header import Header, data_file, numbers, shown, whole
+from .payload import Payload
+
+_LONGEST = 64 << 20
+_LONGEST_LINE = 1 << 20
+_MOST_SKIPPED_LINES = 100_000
+
+_MAGIC = re.compile(rb"NRRD000[1-5]\r?\n")
+_SEQUENCE = re.compile(rb"Seq_Frame\d+_")
+_VECTOR = re.compile(r"\(([^()]*)\)|none")
+_ALIASES = {
+    "datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip", "axismins": "axis mins",
+    "axismaxs": "axis maxs", "centerings": "centers", "sampleunits": "sample units", "blocksize": "block size",
+    "oldmin": "old min", "oldmax": "old max",
+}  # fmt: skip
+_KNOWN = {
+    "content", "number", "type", "block size", "dimension", "space", "space dimension", "sizes", "spacings",
+    "thicknesses", "axis mins", "axis maxs", "space directions", "centers", "kinds", "labels", "units", "min", "max",
+    "old min", "old max", "endian", "encoding", "line skip", "byte skip", "sample units", "space units",
+    "space origin", "measurement frame", "data file",
+}  # fmt: skip
+_NAMES = {
+    "i1": ("signed char", "int8", "int8_t"),
+    "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
+    "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
+    "u2": ("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"),
+    "i4": ("int", "signed int", "int32", "int32_t"),
+    "u4": ("uint", "unsigned int", "uint32", "uint32_t"),
+    "i8": ("longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"),
+    "u8": ("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"),
+    "f4": ("float",),
+    "f8": ("double",),
+}
+_TYPES = {name: letters for letters, names in _NAMES.items() for name in names}
+_ORDERS = {"little": "<", "big": ">"}
+_RAW, _PACKED, _TEXT = ("raw",), ("gzip", "gz"), ("ascii", "text", "txt", "hex")
+
+
+def parse(path: Path, stream: BinaryIO) -> Header:
+    """Return the header of a NRRD file."""
+    fields, tracked = _fields(stream)
+    for name in ("type", "dimension", "sizes", "encoding"):
+        if name not in fields:
+            raise HeaderError(f"its header lacks {name!r}")
+    count = whole("dimension", fields["dimension"])
+    sizes = tuple(whole("sizes", word) for word in fields["sizes"].split())
+    if not 1 <= count <= 7 or len(sizes) != count or min(sizes) < 1:
+        raise HeaderError(f"sizes = {shown(fields['sizes'])} with dimension = {count}")
+    kind = fields["type"].lower()
+    if kind not in _TYPES:
+        raise HeaderError(f"type = {shown(kind)}", "save it with voxels that are numbers")
+    axes = _vectors("space directions", fields)
+    for name in ("measurement frame", "axis mins", "axis maxs"):
+        _refuse_wild(name, fields)
+    return Header(
+        reader="NrrdImageIO",
+        sizes=sizes,
+        dtype=_dtype(fields, _TYPES[kind]),
+        spacing=[sqrt(sum(x * x for x in axis)) for axis in axes] or _spacings(fields, count),
+        origin=[x for vector in _vectors("space origin", fields) for x in vector],
+        payload=_payload(path, fields, stream.tell()),
+        tracked=tracked,
+    )
+
+
+def _fields(stream: BinaryIO) -> tuple[dict[str, str], bool]:
+    """Fields up to the empty line that ends the header, and whether poses of frames are among its keys."""
+    if not _MAGIC.fullmatch(stream.readline(16)):
+        raise HeaderError("no NRRD header")
+    fields: dict[str, str] = {}
+    tracked = False
+    while line := stream.readline(_LONGEST_LINE).rstrip(b"\r\n"):
+        if stream.tell() > _LONGEST or len(line) >= _LONGEST_LINE - 2:
+            raise HeaderError("its header is damaged")
+        name, colon, value = line.partition(b":")
+        if line.startswith(b"#") or value.startswith(b"="):
+            tracked = tracked or bool(_SEQUENCE.match(line))
+            continue
+        field = name.decode(errors="replace").lower()
+        field = _ALIASES.get(field, field)
+        if not colon or field not in _KNOWN or field in fields:
+            twice = "twice" if field in fields else "which is not known"
+            raise HeaderError(f"its header has {shown(field)}, {twice}")
+        fields[field] = value.decode(errors="replace").strip()
+    return fields, tracked
+
+
+def _dtype(fields: dict[str, str], letters: str) -> np.dtype[Any]:
+    order = fields.get("endian", "little" if letters.endswith("1") else "").lower()
+    if order not in _ORDERS and fields["encoding"].lower() not in ("ascii", "text", "txt"):
+        raise HeaderError(f"endian = {shown(order)}")
+    return np.dtype(_ORDERS.get(order, "<") + letters)
+
+
+def _vectors(name: str, fields: dict[str, str]) -> list[list[float]]:
+    """Vectors of a field such as ``(1,0,0) none (0,0,2)``, without those that are none."""
+    text = fields.get(name, "")
+    if _VECTOR.sub("", text).strip():
+        raise HeaderError(f"{name} = {shown(text)}")
+    return [numbers(name, match[1].replace(",", " ")) for match in _VECTOR.finditer(text) if match[1] is not None]
+
+
+def _spacings(fields: dict[str, str], count: int) -> list[float]:
+    """Spacings; an axis that is not one of space may have none (nan)."""
+    text = fields.get("spacings", "")
+    words = text.split()
+    known = [word for word in words if word.lower() != "nan"]
+    if len(known) < len(words) and count <= 3:
+        raise HeaderError(f"spacings = {shown(text)}")
+    return numbers("spacings", " ".join(known))
+
+
+def _refuse_wild(name: str, fields: dict[str, str]) -> None:
+    """Refuse infinity and numbers that overflow; a value may be absent (nan, none)."""
+    words = re.sub(r"[(),]", " ", fields.get(name, "")).split()
+    for value in numbers(name, " ".join(word for word in words if word.lower() not in ("nan", "none"))):
+        if abs(value) > 1e9:
+            raise HeaderError(f"{name} = {shown(fields[name])}")
+
+
+def _payload(path: Path, fields: dict[str, str], header_end: int) -> Payload:
+    encoding = fields["encoding"].lower()
+    lines = whole("line skip", fields.get("line skip", "0"))
+    skip = whole("byte skip", fields.get("byte skip", "0"))
+    detached = "data file" in fields
+    data = data_file(path, fields["data file"]) if detached else path
+    if not 0 <= lines <= _MOST_SKIPPED_LINES or skip < -1 or (skip == -1 and encoding not in _RAW):
+        raise HeaderError(f"line skip = {lines} and byte skip = {skip}")
+    start = _after_lines(data, 0 if detached else header_end, lines)
+    if encoding in _PACKED:
+        return Payload(path=data, offset=start, packed=True, skip=skip)
+    if encoding in _RAW:
+        return Payload(path=data, offset=start, skip=max(skip, 0))
+    if encoding in _TEXT:
+        return Payload(path=data, offset=start, text=True)
+    raise HeaderError(f"encoding = {shown(encoding)}", "save it with the encoding raw or gzip")
+
+
+def _after_lines(data: Path, start: int, lines: int) -> int:
+    """Where the bytes after so many lines begin."""
+    if not lines:
+        return start
+    with data.open("rb") as stream:
+        stream.seek(start)
+        for _ in range(lines):
+            stream.readline()
+        return stream.tell()
