@@ -247,7 +247,6 @@ def test_a_finger_taps_twice_to_pull_out_and_to_choose_an_entry(drive):
 @pytest.mark.slow
 def test_every_button_of_a_gamepad(drive):
     driver = drive()
-    page = driver.page
     driver.evaluate("window.plugged = true")
 
     def press(button, until):

@@ -195,6 +195,6 @@ def test_another_scene_takes_over_and_a_bad_one_does_not(page):
 def test_pages_health_and_schema(running):
     assert running.get("/healthz") == (200, "ok")
     status, body = running.get("/")
-    assert (status == 503 and "make run" in body) or (status == 200 and "<html" in body)
+    assert (status == 503 and "./run" in body) or (status == 200 and "<html" in body)
     status, body = running.get("/api/scene-schema.json")
     assert json.loads(body)["title"] == "Sonospline scene"

@@ -39,7 +39,7 @@ _HANDOVER_S = 10.0
 
 NO_PAGE = """<!doctype html><meta charset="utf-8"><title>Sonospline</title>
 <h1>The page was not built</h1>
-<p>The simulator runs; its WebSocket is at <code>/live</code>. To build the page, run <code>make run</code> in the
+<p>The simulator runs; its WebSocket is at <code>/live</code>. To build the page, run <code>./run</code> in the
 sources, which needs Node.js 18 or newer; or install a wheel, which has the page in it.</p>
 """
 
