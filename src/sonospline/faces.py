@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +77,11 @@ class FaceBase(Base):
         augmentation = _AUGMENTATION * abs(largest)
         self._blocks = [_Block(parity, orbits, self._points, along_face, augmentation) for parity in _PARITIES]
         signature = (_CACHE_FORMAT, grid.shape, np.round(np.divide(grid.spacing, scale), 12).tolist())
-        cache = _cache.folder() / f"faces-{_cache.digest(*signature, tissue.entry_face, repr(kernel), diagonal)}"
+        folder = f"faces-{_cache.digest(*signature, tissue.entry_face, repr(kernel), diagonal)}"
         for number, block in enumerate(self._blocks):
             if progress:
                 progress(number, len(self._blocks))
-            file = cache / f"block{number}.npy"
+            file = _cache.place(folder, f"block{number}.npy")
             packed = _cache.recall(file, partial(_read_block, size=block.packed_size), "the factored faces")
             if packed is None:
                 packed = block.factor(kernel, diagonal)
@@ -212,8 +211,8 @@ def _linear_parity(axis: int, along_face: list[int]) -> tuple[int, int]:
     return tuple(-1 if axis == mirrored else 1 for mirrored in along_face)  # type: ignore[return-value]
 
 
-def _read_block(file: Path, size: int) -> Array:
-    packed = np.load(file)
+def _read_block(stream: IO[bytes], size: int) -> Array:
+    packed = np.load(stream)
     if packed.shape != (size,) or packed.dtype != np.float64:
         raise ValueError(f"it holds {packed.dtype} {packed.shape}, not {size} numbers")
     return packed

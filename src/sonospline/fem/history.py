@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import IO
 
 import numpy as np
@@ -101,7 +100,7 @@ def history_of(
     load = LineForce() if load is None else load
     needle = Needle(entry, target)
     model.tissue.check_inside(entry=needle.entry, target=needle.tip)
-    file = _cache.folder() / f"fem-{_signature(model, needle, steps, load)}.npz"
+    file = _cache.place(f"fem-{_signature(model, needle, steps, load)}.npz")
     shape = (steps, *model.tissue.grid.shape, 3)
     history = _cache.recall(file, partial(_read, shape=shape), _WHAT)
     if history is None:
@@ -123,8 +122,8 @@ def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load
     return _cache.digest(*lattice, *physics, model.element, model.integration, model.engine)
 
 
-def _read(file: Path, shape: tuple[int, ...]) -> Array:
-    with file.open("rb") as stream, np.load(stream) as kept:
+def _read(stream: IO[bytes], shape: tuple[int, ...]) -> Array:
+    with np.load(stream) as kept:
         if int(kept["version"]) != _VERSION:
             raise ValueError(f"it is of version {int(kept['version'])}, not {_VERSION}")
         history = kept["history"]

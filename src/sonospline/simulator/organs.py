@@ -10,7 +10,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from .._cache import digest, folder, keep, recall
+from .._cache import digest, keep, place, recall
 from .._extras import require
 from ..volume import Volume
 from .scene_file import SurfacePart
@@ -46,20 +46,18 @@ def organs(labels: Volume, names: Mapping[int, str], parts: Sequence[SurfacePart
     ]  # fmt: skip
 
 
-def _kept_file(voxels: NDArray[np.integer], chosen: list[list[int]], most: int) -> Path:
+def _kept_file(voxels: NDArray[np.integer], chosen: list[list[int]], most: int) -> Path | None:
     """A name that changes with the labels and with this file."""
     held = np.ascontiguousarray(voxels)
-    return (
-        folder() / f"surfaces-{digest(held.shape, held.dtype, held.tobytes(), chosen, most, _SOURCE.read_bytes())}.npz"
-    )
+    return place(f"surfaces-{digest(held.shape, held.dtype, held.tobytes(), chosen, most, _SOURCE.read_bytes())}.npz")
 
 
 def _write(stream: IO[bytes], found: list[Surface]) -> None:
     np.savez(stream, *(array for surface in found for array in surface))
 
 
-def _read(file: Path) -> list[Surface]:
-    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
+def _read(stream: IO[bytes]) -> list[Surface]:
+    with np.load(stream, allow_pickle=False) as kept:
         arrays = [kept[f"arr_{k}"] for k in range(len(kept.files))]
     return list(zip(arrays[::2], arrays[1::2], strict=True))
 

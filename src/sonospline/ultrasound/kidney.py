@@ -11,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
-from .._cache import digest, folder, keep, recall
+from .._cache import digest, keep, place, recall
 from ..grid import Grid
 from ..needle import Needle
 from ..volume import Volume
@@ -118,14 +119,14 @@ def _paint(canvas: Canvas, push: float) -> None:
     _paint_sinus(canvas)
 
 
-def _kept_file(spacing_mm: float, pressed: bool) -> Path:
+def _kept_file(spacing_mm: float, pressed: bool) -> Path | None:
     """A name that changes with what is painted: with this file and the one of the canvas."""
     painter = [Path(source).read_bytes() for source in (__file__, canvas_file)]
-    return folder() / f"kidney-{digest(spacing_mm, pressed, painter)}.npy"
+    return place(f"kidney-{digest(spacing_mm, pressed, painter)}.npy")
 
 
-def _read_labels(file: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    labels = np.load(file, allow_pickle=False)
+def _read_labels(stream: IO[bytes], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    labels = np.load(stream, allow_pickle=False)
     if labels.shape != shape or labels.dtype != np.uint8:
         raise ValueError(f"it holds {labels.dtype} {labels.shape} instead of bytes {shape}")
     return labels

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from .. import _cache
+from ..io.writing import write_json
 
-_FORMAT = 1
+logger = logging.getLogger(__name__)
+
+_FORMAT = 2
 
 
 class Notebook:
@@ -53,19 +57,33 @@ class Notebook:
         """
         file = self._folder / f"{name}.json"
         stamp = {"format": _FORMAT, "settings": json.loads(json.dumps(settings))}
-        known = _cache.recall(file, _read, f"the part {name!r}")
+        known = _read(file)
         if known is not None and {key: known[key] for key in stamp} == stamp:
             return known["result"]
         if self._tell:
             self._tell(name.replace("_", " "))
         result = json.loads(json.dumps(compute()))
-        page = json.dumps({**stamp, "result": result}, indent=1).encode()
-        _cache.keep(file, lambda stream: stream.write(page), f"the part {name!r}")
+        page = {**stamp, "result": result}
+        try:
+            write_json(file, {**page, "seal": _seal(page)})
+        except OSError as error:
+            logger.warning("cannot keep the part %r: %s", name, error)
         return result
 
 
-def _read(file: Path) -> dict[str, Any]:
-    page = json.loads(file.read_text())
-    if not isinstance(page, dict) or not {"format", "settings", "result"} <= page.keys():
-        raise ValueError("it is no page of this notebook")
-    return page
+def _read(file: Path) -> dict[str, Any] | None:
+    """Return a page; None where there is none, or where what it says is not what was written."""
+    try:
+        if not file.is_file():
+            return None
+        page = json.loads(file.read_bytes())
+        if page.pop("seal") != _seal(page):
+            raise ValueError("it is damaged, or not of this version")
+        return {key: page[key] for key in ("format", "settings", "result")}
+    except Exception as error:  # whatever is wrong with a part, it must not end the study
+        logger.warning("the part kept in %s cannot be used and will be made anew: %r", file, error)
+        return None
+
+
+def _seal(page: dict[str, Any]) -> str:
+    return _cache.digest(json.dumps(page, sort_keys=True))
