@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ._shown import shown
+
 Array = NDArray[np.float64]
 
 
@@ -32,7 +34,9 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
     try:
         result = float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r} is not a number; give one") from None
+        raise ValueError(f"{name} = {shown(value)} is not a number; give one") from None
+    except OverflowError:
+        raise ValueError(f"{name} = {shown(value)} is too large; give a finite number") from None
     wanted = "above zero" if positive else "at or above zero"
     if not np.isfinite(result) or result < 0 or (positive and result == 0):
         raise ValueError(f"{name} = {value} is out of range; give a finite number {wanted}")
@@ -42,9 +46,9 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
 def count(name: str, value: int, *, least: int = 1) -> int:
     """Return a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} = {value!r} is not a whole number; give an integer of at least {least}")
+        raise ValueError(f"{name} = {shown(value)} is not a whole number; give an integer of at least {least}")
     if value < least:
-        raise ValueError(f"{name} = {value} is too small; give at least {least}")
+        raise ValueError(f"{name} = {shown(int(value))} is too small; give at least {least}")
     return int(value)
 
 
@@ -59,8 +63,8 @@ def choice(name: str, value: str, allowed: Iterable[str]) -> str:
 def _floats(name: str, value: ArrayLike) -> Array:
     try:
         return np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {value!r} is not numeric; give numbers") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} = {shown(value)} is not numeric; give numbers") from None
 
 
 def _finite(name: str, array: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from .. import _validate
 from ..interaction import NeedleTissueModel
 from ..io.files import read_text
+from ..io.toml_text import TomlError, loads
 
 NAMES = tuple(field.name for field in fields(NeedleTissueModel))
 
@@ -49,8 +49,8 @@ def _in_mm(content: dict[str, Any], side: float) -> dict[str, Any]:
 
 def _load(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_text(file, "--parameters", "a TOML file"))
-    except tomllib.TOMLDecodeError as error:
+        return loads(read_text(file, "--parameters", "a TOML file"))
+    except TomlError as error:
         raise ValueError(f"--parameters {str(file)!r} is not TOML ({error}); write NAME = VALUE lines") from None
 
 

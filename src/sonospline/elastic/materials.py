@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from fnmatch import fnmatchcase
@@ -12,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from .. import _validate
+from .._shown import shown
 from ..fem.material import Material
 from ..io.files import read_text
 from ..io.tables import read_names
+from ..io.toml_text import TomlError, loads
 from .moduli import check_ratio
 
 FLUID_SHEAR = 0.01
@@ -107,8 +108,8 @@ class MaterialTable:
             A file that is not there or not TOML, an unknown key, or a value out of range.
         """
         try:
-            entries = tomllib.loads(read_text(path, "materials", "a TOML file"))
-        except tomllib.TOMLDecodeError as error:
+            entries = loads(read_text(path, "materials", "a TOML file"))
+        except TomlError as error:
             raise ValueError(f"materials = {str(path)!r} is not TOML ({error}); write [liver] tables") from None
         return cls.assumed().preferring(_parsed(f"materials = {str(path)!r}", entries))
 
@@ -139,7 +140,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
 @lru_cache(maxsize=1)
 def _assumed() -> MaterialTable:
     text = files(__package__).joinpath("assumed_materials.toml").read_text()
-    return MaterialTable(_parsed("assumed_materials.toml", tomllib.loads(text)))
+    return MaterialTable(_parsed("assumed_materials.toml", loads(text)))
 
 
 def _parsed(where: str, entries: dict[str, Any]) -> dict[str, TissueMaterial]:
@@ -147,7 +148,9 @@ def _parsed(where: str, entries: dict[str, Any]) -> dict[str, TissueMaterial]:
     table = {}
     for name, values in entries.items():
         if not isinstance(values, dict):
-            raise ValueError(f"{where}: {name} = {values!r} is not a table; write [{name}] with stiffness_kpa = ...")
+            raise ValueError(
+                f"{where}: {name} = {shown(values)} is not a table; write [{name}] with stiffness_kpa = ..."
+            )
         for key in values:
             if key not in known:
                 raise ValueError(f"{where}: [{name}] has an unknown key {key!r}; use {', '.join(known)}")

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from .._shown import shown
+
 T = TypeVar("T")
 
-_LONGEST_TEXT = 64 * 1024
+_LONGEST_TEXT = 1000
 _LONGEST_LIST = 64
+_PLAIN_KEY = re.compile(r"[\w-]{1,40}", re.ASCII)
 
 
 class FieldError(ValueError):
@@ -23,16 +27,19 @@ class FieldError(ValueError):
         super().__init__(f"{dotted(path)} {problem}" if path else problem)
 
 
-def told(help: str, *, low: float | None = None, high: float | None = None, **default: Any) -> Any:
-    """Return a dataclass field that says what it is and what range it has."""
-    return field(metadata={"help": help, "low": low, "high": high}, **default)
+def told(
+    help: str, *, low: float | None = None, high: float | None = None, longest: int = _LONGEST_TEXT, **default: Any
+) -> Any:
+    """Return a dataclass field that says what it is, what range it has, and how long a text may be."""
+    return field(metadata={"help": help, "low": low, "high": high, "longest": longest}, **default)
 
 
 def dotted(path: tuple[str | int, ...]) -> str:
     """Return the way to a value as it is written: ``targets[1].at``."""
     text = ""
     for step in path:
-        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+        key = step if isinstance(step, str) and _PLAIN_KEY.fullmatch(step) else shown(step)
+        text += f"[{step}]" if isinstance(step, int) else f".{key}" if text else key
     return text
 
 
@@ -45,7 +52,7 @@ def read(kind: type[T], values: Any, path: tuple[str | int, ...] = ()) -> T:
         A key that is unknown or missing, or a value of the wrong type or out of range.
     """
     if not isinstance(values, Mapping):
-        raise FieldError(path, f"= {values!r} is not a table; give {', '.join(_names(kind))}")
+        raise FieldError(path, f"= {shown(values)} is not a table; give {', '.join(_names(kind))}")
     for key in values:
         if key not in _names(kind):
             raise FieldError((*path, key), f"is not known; use {', '.join(_names(kind))}")
@@ -89,7 +96,9 @@ def _value(hint: Any, value: Any, path: tuple[str | int, ...], entry: Field[Any]
     hint = _without_none(hint)
     if get_origin(hint) is Literal:
         if value not in get_args(hint):
-            raise FieldError(path, f"= {value!r} is not known; choose one of {', '.join(map(str, get_args(hint)))}")
+            raise FieldError(
+                path, f"= {shown(value)} is not known; choose one of {', '.join(map(str, get_args(hint)))}"
+            )
         return value
     if get_origin(hint) is tuple:
         return _sequence(get_args(hint), value, path, entry)
@@ -97,20 +106,30 @@ def _value(hint: Any, value: Any, path: tuple[str | int, ...], entry: Field[Any]
         return read(hint, value, path)  # type: ignore[arg-type]
     if hint is float:
         return _number(value, path, entry)
-    if hint is str and isinstance(value, str) and len(value) > _LONGEST_TEXT:
-        raise FieldError(path, f"has {len(value)} characters; give at most {_LONGEST_TEXT}")
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
-        raise FieldError(path, f"= {_short(value)} is of the wrong kind; give {_wanted(hint, entry)}")
+        raise FieldError(path, f"= {shown(value)} is of the wrong kind; give {_wanted(hint, entry)}")
     if hint is int:
         _check_range(value, path, entry)
+    if hint is str:
+        _check_text(value, path, entry)
     return value
+
+
+def _check_text(value: str, path: tuple[str | int, ...], entry: Field[Any]) -> None:
+    longest = entry.metadata.get("longest", _LONGEST_TEXT)
+    if len(value) > longest:
+        raise FieldError(path, f"has {len(value)} characters; give at most {longest}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise FieldError(path, "holds half a character (a lone surrogate); give a text") from None
 
 
 def _sequence(items: tuple[Any, ...], value: Any, path: tuple[str | int, ...], entry: Field[Any]) -> Any:
     many = items[-1] is Ellipsis
     if not isinstance(value, list | tuple) or (not many and len(value) != len(items)):
         wanted = "a list" if many else f"{len(items)} values in a list"
-        raise FieldError(path, f"= {_short(value)} is of the wrong kind; give {wanted}")
+        raise FieldError(path, f"= {shown(value)} is of the wrong kind; give {wanted}")
     if len(value) > _LONGEST_LIST:
         raise FieldError(path, f"has {len(value)} entries; give at most {_LONGEST_LIST}")
     kinds = [items[0]] * len(value) if many else items
@@ -119,17 +138,21 @@ def _sequence(items: tuple[Any, ...], value: Any, path: tuple[str | int, ...], e
 
 def _number(value: Any, path: tuple[str | int, ...], entry: Field[Any]) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FieldError(path, f"= {_short(value)} is not a number; give {_wanted(float, entry)}")
-    if not math.isfinite(value):
+        raise FieldError(path, f"= {shown(value)} is not a number; give {_wanted(float, entry)}")
+    if isinstance(value, float) and not math.isfinite(value):
         raise FieldError(path, f"= {value} is not finite; give {_wanted(float, entry)}")
     _check_range(value, path, entry)
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise FieldError(path, f"= {shown(value)} is too large; give {_wanted(float, entry)}") from None
 
 
 def _check_range(value: float, path: tuple[str | int, ...], entry: Field[Any]) -> None:
     low, high = entry.metadata.get("low"), entry.metadata.get("high")
     if (low is not None and value < low) or (high is not None and value > high):
-        raise FieldError(path, f"= {value:g} is out of range; give {_wanted(type(value), entry)}")
+        figure = shown(value) if isinstance(value, int) else f"{value:g}"
+        raise FieldError(path, f"= {figure} is out of range; give {_wanted(type(value), entry)}")
 
 
 def _wanted(hint: Any, entry: Field[Any]) -> str:
@@ -168,8 +191,3 @@ def _without_none(hint: Any) -> Any:
     if get_origin(hint) in (Union, types.UnionType):
         return next(kind for kind in get_args(hint) if kind is not types.NoneType)
     return hint
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

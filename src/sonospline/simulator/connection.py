@@ -199,12 +199,9 @@ class Connection:
         def progress(share: float) -> None:
             self._from_thread({"type": "loading", "scene": name, "name": self._library.title(name), "share": share})
 
-        def wanted() -> bool:
-            return not self._closed
-
         file = name if text is not None else None
         try:
-            session = await asyncio.wrap_future(self._library.order(name, text, progress, wanted))
+            session = await asyncio.wrap_future(self._library.order(name, text, progress, self._wanted))
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -216,6 +213,10 @@ class Connection:
             await self._end()
             self._library.tidy()
             self._start(name, session)
+
+    def _wanted(self) -> bool:
+        """Whether the client is still there; asked by whoever works for it."""
+        return not self._closed
 
     async def _end(self) -> None:
         runner, self._runner, self._session = self._runner, None, None
@@ -244,7 +245,7 @@ class Connection:
     async def _bring_meshes(self, session: Session) -> None:
         world = session.world
         try:
-            geometry = await asyncio.wrap_future(self._library.geometry(session))
+            geometry = await asyncio.wrap_future(self._library.geometry(session, self._wanted))
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
             self._complain(f"the 3-D view has no surfaces: {error}")

@@ -62,6 +62,7 @@ class Library:
         # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
         # page brings along may take long, and holds up nobody who wants a scene on offer.
         self._offered, self._brought = Lane("sonospline-scenes"), Lane("sonospline-brought-scenes")
+        self._tidying: Future[None] | None = None
         self._brought_worlds: weakref.WeakSet[World] = weakref.WeakSet()
 
     def hello(self, key: str, *, resumed: bool) -> dict[str, Any]:
@@ -106,19 +107,20 @@ class Library:
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
 
-    def geometry(self, session: Session) -> Future[bytes]:
+    def geometry(self, session: Session, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
         world = session.world
         lane = self._brought if world in self._brought_worlds else self._offered
         made = lane.submit(wire.geometry, world)
-        lane.submit(session.warm_up)
-        lane.submit(world.prepare)
+        for preparation in (session.warm_up, world.prepare):
+            lane.submit(_if_wanted, wanted, preparation)
         return made
 
     def tidy(self) -> None:
         """Give back the memory of sessions that ended, in a thread that makes scenes."""
-        with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
-            self._offered.submit(tidy)
+        if self._tidying is None or self._tidying.done():
+            with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
+                self._tidying = self._offered.submit(tidy)
 
     def close(self, within_s: float = 2.0) -> bool:
         """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
@@ -172,6 +174,11 @@ class Library:
 
 class DroppedError(Exception):
     """Whoever asked for a scene has left before it was made."""
+
+
+def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
+    if wanted():
+        preparation()
 
 
 def _session(world: World, progress: Progress) -> Session:

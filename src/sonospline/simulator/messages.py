@@ -6,10 +6,13 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from .._shown import shown
 from ._fields import FieldError, read, told
 from .wish import ImageWish, NeedleWish, ProbeWish, Wish
 
 LONGEST = 64 * 1024
+MOST_SEQ = 2**53
+"""The largest number every JSON reader takes for the same."""
 
 
 class MessageError(ValueError):
@@ -24,7 +27,7 @@ class MessageError(ValueError):
 class State:
     """The whole wish, absolute."""
 
-    seq: int = told("number, larger than the last", low=0, high=2**53)
+    seq: int = told("number, larger than the last", low=0, high=MOST_SEQ)
     needle: NeedleWish = told("needle")
     probe: ProbeWish = told("probe")
     image: ImageWish = told("image")
@@ -40,7 +43,7 @@ class State:
 class Drawn:
     """A frame was drawn: credit for another one."""
 
-    frame: int = told("number of the frame", low=0, high=2**53)
+    frame: int = told("number of the frame", low=0, high=MOST_SEQ)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +64,8 @@ class ChooseScene:
 class OpenScene:
     """Load a scene file of the user's."""
 
-    name: str = told("its file's name")
-    text: str = told("its text")
+    name: str = told("its file's name", longest=255)
+    text: str = told("its text", longest=LONGEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,17 +120,33 @@ def parse(text: str) -> Message:
         Not JSON, an unknown type, an unknown or missing key, NaN, or a value of the wrong kind.
     """
     try:
-        values = json.loads(text)
+        values = json.loads(text, object_pairs_hook=_object)
+    except MessageError:
+        raise
     except (ValueError, RecursionError):
         raise MessageError("message", "is not JSON; send one JSON object a message") from None
     if not isinstance(values, dict):
         raise MessageError("message", "is no JSON object; send one with a type")
     name = values.pop("type", None)
     if not isinstance(name, str) or name not in KINDS:
-        raise MessageError("message", f"type = {str(name)[:40]!r} is not known; send one of {', '.join(KINDS)}")
-    seq = values.get("seq")
+        raise MessageError("message", f"type = {shown(name)} is not known; send one of {', '.join(KINDS)}")
     try:
         message: Message = read(KINDS[name], values)
     except FieldError as error:
-        raise MessageError(name, str(error), seq if isinstance(seq, int) else None) from None
+        raise MessageError(name, str(error), _number_of(values)) from None
     return message
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make a JSON object; a key that comes twice has no meaning."""
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        key = next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k]))
+        raise MessageError("message", f"holds {shown(key)} twice; give each key once")
+    return values
+
+
+def _number_of(values: dict[str, Any]) -> int | None:
+    """Return the number of a state that was refused, where it is one."""
+    seq = values.get("seq")
+    return seq if isinstance(seq, int) and not isinstance(seq, bool) and 0 <= seq <= MOST_SEQ else None

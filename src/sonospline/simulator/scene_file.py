@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 from ..io.files import read_text
+from ..io.toml_text import TomlError, loads
 from ._fields import FieldError, read, schema, told
 
 Triple = tuple[float, float, float]
@@ -18,6 +18,8 @@ Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 ModelName = Literal["paper", "kelvinlet", "elastic"]
 
 MODELS: dict[str, str] = {"paper": "Paper spline", "kelvinlet": "Kelvinlet", "elastic": "Elastic"}
+LONGEST = 64 * 1024
+"""Characters of a scene file."""
 SHIPPED = ("kidney", "gel", "cube")
 
 
@@ -150,12 +152,12 @@ class SceneFile:
         SceneError
             Not TOML, an unknown or missing key, or a value out of range; it knows the line.
         """
+        if len(text) > LONGEST:
+            raise SceneError(file, None, f"has {len(text)} characters; give at most {LONGEST}")
         try:
-            return read(cls, tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
-            at = re.search(r"\(at line (\d+), column \d+\)", str(error))
-            line = int(at[1]) if at else len(text.splitlines())
-            raise SceneError(file, line, f"is not TOML: {str(error).partition(' (at')[0]}") from None
+            return read(cls, loads(text))
+        except TomlError as error:
+            raise SceneError(file, error.line, f"is not TOML: {error.problem}") from None
         except FieldError as error:
             raise SceneError(file, line_of(text, error.path), str(error)) from None
 
@@ -192,7 +194,7 @@ def line_of(text: str, path: tuple[str | int, ...]) -> int | None:
     here: list[str] = []
     seen: dict[str, int] = {}
     found: int | None = None
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.split("\n"), 1):
         header = re.match(r"\s*\[\[?\s*([\w.-]+)\s*\]\]?", line)
         if header:
             here = header[1].split(".")
