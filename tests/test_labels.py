@@ -242,3 +242,88 @@ def test_what_is_no_ordinary_file_is_refused_at_once(tmp_path, kind):
     for name, read in readers.items():
         with pytest.raises(ValueError, match=f"{name}' is (a named pipe|a folder|a device); give "):
             read(made(name))
+
+
+# --- label maps that move ---
+
+
+def organs(shape=(30, 28, 26)):
+    """Two blocks side by side in background, numbered far apart."""
+    voxels = np.zeros(shape, np.uint8)
+    voxels[4:26, 6:15, 5:20], voxels[4:26, 15:24, 5:20] = 3, 200
+    return voxels
+
+
+def test_a_warped_label_map_holds_no_label_that_was_not_there():
+    from sonospline.io.transforms import ImageWarp
+
+    labels = LabelMap(voxels=organs(), spacing=(2.0, 2.0, 2.0))
+    grid = labels.grid(4000)
+    field = ss.Insertion(ss.Tissue(grid, entry_face="x-")).advance(ss.Needle((0, 26, 25), (40, 27, 25)))
+    warp = ImageWarp.of(field)
+    moved, blurred = warp.apply(labels), warp.apply(Volume(voxels=organs(), spacing=(2.0, 2.0, 2.0)))
+    assert isinstance(moved, LabelMap)
+    assert np.unique(moved.voxels).tolist() == [0, 3, 200]
+    assert (moved.voxels != labels.voxels).any()
+    assert len(np.unique(blurred.voxels)) > 10
+
+
+def test_label_maps_are_told_from_images():
+    from sonospline.label_map import looks_like_labels
+
+    noise = np.random.default_rng(0).integers(0, 256, (30, 28, 26))
+    smooth = np.indices((30, 28, 26)).sum(0)
+    for voxels in (organs(), organs().astype(np.float32), (organs() > 100).astype(np.uint8) * 255):
+        assert looks_like_labels(labelled(voxels))
+    for voxels in (noise, smooth, smooth >> 2, noise * (organs() > 0), organs() - 1.5, np.zeros((9, 9, 9), int)):
+        assert not looks_like_labels(labelled(voxels))
+
+
+def test_real_images_and_label_maps_are_told_apart(shared_data):
+    from sonospline.io.volumes import read_volume
+    from sonospline.label_map import looks_like_labels
+
+    assert looks_like_labels(read_volume(shared_data / "abdomen_labels.nii.gz"))
+    for name in ("abdomen_ct.nii.gz", "spine_phantom_us.mha", "liver_speckle.mha"):
+        assert not looks_like_labels(read_volume(shared_data / name))
+
+
+@pytest.fixture
+def insert(tmp_path, capsys):
+    """Run ``insert`` beside a label map and an image; return its summary and what it said on stderr."""
+    write_volume(labelled(organs()), tmp_path / "organs.nii.gz")
+    (tmp_path / "organs.csv").write_text("label,name\n3,liver\n200,spleen\n")
+    write_volume(labelled(np.indices((30, 28, 26)).sum(0).astype(np.int16)), tmp_path / "ct.nrrd")
+
+    def run(*options):
+        import json
+
+        from sonospline.cli import main
+
+        given = [f"{tmp_path / option}" if option.startswith(("organs", "ct")) else option for option in options]
+        places = ["--entry", "0,26,25", "--target", "40,27,25", "--nodes", "4000", "--steps", "2"]
+        assert main(["insert", *given, *places, "--out", str(tmp_path / "out"), "--quiet", "--json"]) == 0
+        printed = capsys.readouterr()
+        return json.loads(printed.out)
+
+    return run
+
+
+def test_insert_warps_the_labels_beside_the_image(tmp_path, insert):
+    summary = insert("--labels", "organs.nii.gz", "--volume", "ct.nrrd", "--model", "elastic")
+    assert {"warped.nrrd", "warped_labels.nii.gz"} <= set(summary["files"])
+    assert summary["volume_kind"] == "image"
+    moved = ss.read_labels(tmp_path / "out" / "warped_labels.nii.gz").voxels
+    assert np.unique(moved).tolist() == [0, 3, 200]
+    assert (moved != organs()).any()
+
+
+def test_insert_takes_a_label_map_for_what_it_is_and_says_so(tmp_path, insert, caplog):
+    summary = insert("--volume", "organs.nii.gz")
+    assert summary["volume_kind"] == "labels"
+    assert "is taken for a label map" in caplog.text
+    assert np.unique(ss.read_labels(tmp_path / "out" / "warped.nii.gz").voxels).tolist() == [0, 3, 200]
+    caplog.clear()
+    assert insert("--volume", "organs.nii.gz", "--volume-kind", "image")["volume_kind"] == "image"
+    assert len(np.unique(ss.read_labels(tmp_path / "out" / "warped.nii.gz").voxels)) > 10
+    assert not caplog.text

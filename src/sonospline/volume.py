@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,9 +41,6 @@ class Volume:
     >>> volume.lattice.extent.tolist()
     [9.0, 19.0, 58.0]
     """
-
-    order: ClassVar[int] = 1
-    """Of the spline between voxels: an image is linear there."""
 
     voxels: NDArray[Any]
     spacing: tuple[float, float, float]

@@ -18,7 +18,7 @@ from ..grid import Grid
 from ..grid_field import GridField
 from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
-from ..io.labels import read_labels
+from ..io.labels import read_labels, warn_of_labels
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
 from ..io.writing import write_json
@@ -142,6 +142,7 @@ def _given_needle(args: argparse.Namespace) -> Needle | None:
 def _volume(args: argparse.Namespace) -> Sight:
     """A real volume, cut through the needle or the origin."""
     volume = read_volume(args.volume)
+    warn_of_labels(volume, args.volume, "whose numbers are cut as grey levels; --labels shows it as tissue")
     needle = _given_needle(args)
     if needle is None and args.origin is None:
         raise ValueError("--origin is missing; give a point of the cut, or a needle with --entry and --target")

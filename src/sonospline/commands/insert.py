@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import platform
 import time
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from ..io.transforms import ImageWarp
 from ..io.volumes import RAS_TO_LPS, read_volume, suffix_of, write_volume
 from ..io.vtk import write_vti
 from ..io.writing import write_json
+from ..label_map import LabelMap, looks_like_labels
 from ..needle import Needle
 from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
@@ -34,6 +36,8 @@ from . import _folds, _models, _points
 from ._progress import track
 
 Array = NDArray[np.float64]
+
+logger = logging.getLogger(__name__)
 
 HELP = "push a needle into a 3-D image and write the deformed tissue"
 EXAMPLES = """examples:
@@ -60,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     where = parser.add_argument_group("where")
     where.add_argument("--volume", type=Path, metavar="FILE", help=".nrrd, .mha or .nii.gz; without it, a phantom")
+    where.add_argument(
+        "--volume-kind",
+        default="auto",
+        choices=("auto", "image", "labels"),
+        help="image: linear between voxels; labels: the nearest voxel (auto: as it looks, and said)",
+    )
     where.add_argument("--entry", metavar="X,Y,Z", help="where the needle enters (mm, or voxels with --frame IJK)")
     where.add_argument("--target", metavar="X,Y,Z", help="where its tip ends")
     where.add_argument("--frame", default="RAS", choices=("RAS", "LPS", "IJK"), help="frame of the points (RAS)")
@@ -88,7 +98,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     insertion = _insertion(args, volume, path, tissues)
     with staged_folder(args.out) as folder:
         outcome = _insert(insertion, path, args)
-        return _write(outcome, volume, folder, f"warped{suffix}", args)
+        images = {f"warped{suffix}": volume}
+        if tissues is not None:
+            images[f"warped_labels{suffix_of(args.labels)}"] = tissues.labels
+        return _write(outcome, images, folder, args)
 
 
 def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
@@ -105,6 +118,8 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
         f"folding       smallest det J {summary['smallest_det_jacobian']:.3f}",
     ]
     lines += _strain_line(summary)
+    if summary["volume_kind"] == "labels":
+        lines.append("image         a label map: the nearest voxel, no label between two")
     if inverse["unconverged_nodes"]:
         lines.append(f"inverse       NOT found at {inverse['unconverged_nodes']} nodes; the image is unwarped there")
     if "figure.png" in summary["files"]:
@@ -162,7 +177,16 @@ def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
 def _volume(args: argparse.Namespace, tissues: TissueMap | None) -> Volume:
     """The image to deform: the one given, else one that shows the labelled tissue, else the phantom."""
     if args.volume:
-        return read_volume(args.volume)
+        volume = read_volume(args.volume)
+        kind = args.volume_kind
+        if kind == "auto" and looks_like_labels(volume):
+            logger.warning(
+                "volume = %r is taken for a label map: its voxels move but are never interpolated "
+                "(--volume-kind image takes it for an image)",
+                str(args.volume),
+            )
+            kind = "labels"
+        return LabelMap.of(volume, name=f"volume = {str(args.volume)!r}") if kind == "labels" else volume
     return layered_block(args.seed) if tissues is None else tissues.stiffness_image()
 
 
@@ -184,9 +208,8 @@ def _insert(insertion: NeedleInsertion, path: Needle, args: argparse.Namespace) 
     return Outcome(insertion, path, insertion.field, step_ms)
 
 
-def _write(
-    outcome: Outcome, volume: Volume, folder: Path, warped_name: str, args: argparse.Namespace
-) -> dict[str, Any]:
+def _write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argparse.Namespace) -> dict[str, Any]:
+    """Write each image deformed, under its name, and the deformation; the first image is the one to draw."""
     grid = outcome.insertion.tissue.grid
     displacement = outcome.field.on_grid()
     det = np.linalg.det(outcome.field.jacobian(grid.points)).reshape(grid.shape)
@@ -194,8 +217,9 @@ def _write(
     # With every face node a landmark, summing at each iterate would take minutes.
     many = isinstance(outcome.insertion, Insertion) and len(outcome.insertion.anchors) > _MANY_ANCHORS
     warp = ImageWarp.of(GridField.of(outcome.field, "accurate") if many else outcome.field)
-    warped = warp.apply(volume)
-    write_volume(warped, folder / warped_name)
+    deformed = {name: warp.apply(image) for name, image in images.items()}
+    for name, image in deformed.items():
+        write_volume(image, folder / name)
     warp.write(folder / "displacement.h5")
     write_vti(folder / "displacement.vti", grid, {"displacement": displacement, "det_jacobian": det})
     moved = Volume(
@@ -204,10 +228,12 @@ def _write(
         origin=grid.origin,
         direction=grid.direction,
     )
+    volume, warped = next(zip(images.values(), deformed.values(), strict=True))
     attempt(lambda: draw_insertion(volume, warped, moved, outcome.needle, folder / "figure.png"))
     summary = {
         "verb": "insert",
         "volume": str(args.volume or args.labels or "phantom"),
+        "volume_kind": "labels" if isinstance(volume, LabelMap) else "image",
         "entry_ras_mm": outcome.needle.entry.tolist(),
         "target_ras_mm": outcome.needle.tip.tolist(),
         "depth_mm": outcome.needle.depth,

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
-from ..label_map import LARGEST, LabelMap
+from ..label_map import LARGEST, LabelMap, looks_like_labels
+from ..volume import Volume
 from .volumes import read_volume, suffix_of
+
+logger = logging.getLogger(__name__)
 
 
 def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
@@ -25,6 +29,12 @@ def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
         A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``.
     """
     return LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+
+
+def warn_of_labels(volume: Volume, path: str | Path, what: str) -> None:
+    """Say, once and in one line, that an image seems to be a label map, and what becomes of it."""
+    if looks_like_labels(volume):
+        logger.warning("volume = %r seems to be a label map, %s", str(path), what)
 
 
 def names_beside(path: str | Path) -> Path:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .._extras import require
 from ..field import Field, InverseReport
 from ..grid import Grid
+from ..label_map import LabelMap
 from ..volume import Volume
 from .volumes import RAS_TO_LPS, from_sitk, place, to_sitk
 from .writing import write_bytes
@@ -64,13 +65,16 @@ class ImageWarp:
         write_bytes(path, _hdf5_of(self.to_sitk()))
 
     def apply(self, volume: Volume) -> Volume:
-        """Return the deformed image: same geometry, linear interpolation.
+        """Return the deformed image: same geometry, linear interpolation, but the nearest voxel of a label map.
 
-        What the deformation draws in from beyond the image becomes its smallest value:
-        black, or air.
+        What the deformation draws in from beyond an image becomes its smallest value: black, or air; from
+        beyond a label map, 0.
         """
         sitk = require("SimpleITK")
         image = to_sitk(volume)
+        if isinstance(volume, LabelMap):
+            nearest = sitk.Resample(image, image, self.to_sitk(), sitk.sitkNearestNeighbor, 0.0)
+            return LabelMap.of(from_sitk(nearest))
         background = float(volume.voxels.min())
         return from_sitk(sitk.Resample(image, image, self.to_sitk(), sitk.sitkLinear, background))
 

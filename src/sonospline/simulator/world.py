@@ -16,7 +16,7 @@ from ..elastic import MaterialTable, TissueMap
 from ..elastic.materials import read_label_names
 from ..grid import Grid
 from ..grid_field import GridField
-from ..io.labels import names_of, read_labels
+from ..io.labels import names_of, read_labels, warn_of_labels
 from ..io.volumes import read_volume
 from ..tissue import Tissue
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
@@ -189,6 +189,7 @@ class _Maker:
         path = self._file("file")
         assert path is not None
         volume = read_volume(path)
+        warn_of_labels(volume, path, 'whose numbers are cut as grey levels; source = "labels" shows it as tissue')
         self.progress(0.3)
         seen = swept(volume)
         reslicer = Reslicer(volume, seen=seen)
