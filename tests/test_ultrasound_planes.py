@@ -69,7 +69,9 @@ def test_beams_and_points_are_inverse(probe):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [({"depth_mm": 0.0}, "depth_mm"), ({"frequency_mhz": -1.0}, "frequency_mhz"), ({"lines": 2}, "lines"),
-     ({"samples": 1000}, "multiple of 16"), ({"depth_mm": 400.0}, "too coarse"), ({"bandwidth": 3.0}, "bandwidth")],
+     ({"samples": 1000}, "multiple of 16"), ({"bandwidth": 3.0}, "bandwidth"),
+     ({"depth_mm": 400.0, "samples": 1024}, r"depth_mm = 400.0 over samples = 1024 is too coarse .* take more samples"),
+     ({"frequency_mhz": 1.0, "depth_mm": 20.0, "samples": 1024}, r"samples = 1024 is too fine .* take fewer samples")],
 )  # fmt: skip
 def test_a_probe_that_is_none_is_refused(settings, message):
     with pytest.raises(ValueError, match=message):

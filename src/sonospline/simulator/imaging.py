@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,6 @@ Array = NDArray[np.float64]
 
 _MARGIN_MM = 8.0
 """Displacement allowed for before scatterers have to be chosen anew."""
-_SAMPLE_SIGMAS = 1.2
-"""Longest sample, in standard deviations of the pulse."""
 
 
 class Imager(ABC):
@@ -132,12 +129,9 @@ def tuned(probe: Probe, wish: ImageWish) -> Probe:
     """Return a probe with its knobs where a wish has them, sampled finely enough for its pulse."""
     if (wish.depth, wish.frequency, wish.focus) == (probe.depth_mm, probe.frequency_mhz, probe.elevation_focus_mm):
         return probe
-    coarse = replace(probe, depth_mm=1.0, frequency_mhz=wish.frequency)
-    needed = wish.depth / (_SAMPLE_SIGMAS * coarse.axial_sigma)
-    samples = max(1024, 16 * int(np.ceil(needed / 16)))
-    return replace(
-        probe, depth_mm=wish.depth, frequency_mhz=wish.frequency, elevation_focus_mm=wish.focus, samples=samples
-    )
+    return probe.tuned(
+        frequency_mhz=wish.frequency, depth_mm=wish.depth, elevation_focus_mm=wish.focus
+    )  # fmt: skip
 
 
 def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, float]:

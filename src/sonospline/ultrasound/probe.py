@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -18,6 +18,10 @@ SPEED_OF_SOUND = 1.54
 """mm per microsecond, what scanners assume."""
 
 _FWHM = 2 * np.sqrt(2 * np.log(2))
+_FINEST, _FITTING, _COARSEST = 0.105, 1.2, 1.5
+"""A sample, in standard deviations of the pulse: 63 half-samples hold 3.3 of them."""
+_SAMPLES, _MOST_SAMPLES = 1024, 32_768
+"""Along a beam: where they fit the pulse, and at most."""
 
 
 _ABDOMINAL: dict[str, Any] = {
@@ -100,8 +104,7 @@ class Probe:
             _validate.number(name, getattr(self, name), positive=True)
         for name in ("elevation_focus_mm", "elevation_spread", "radius_mm", "sector_deg"):
             _validate.number(name, getattr(self, name))
-        if not 0.05 <= _validate.number("bandwidth", self.bandwidth) <= 1.5:
-            raise ValueError(f"bandwidth = {self.bandwidth} is out of range; give 0.05 to 1.5 of the centre frequency")
+        _bandwidth(self.bandwidth)
         _validate.count("lines", self.lines, least=16)
         _validate.count("samples", self.samples, least=64)
         if self.samples % 16:
@@ -112,28 +115,57 @@ class Probe:
             _validate.number("sector_deg", self.sector_deg, positive=True)
         if self.half_angle >= np.pi / 2:
             raise ValueError(f"the sector is {2 * np.degrees(self.half_angle):.0f} degrees wide; make it below 180")
-        if self.sample_mm > 1.5 * self.axial_sigma:
+        per_pulse = self.sample_mm / self.axial_sigma
+        if not _FINEST <= per_pulse <= _COARSEST:
+            fault, remedy = ("coarse", "more") if per_pulse > _COARSEST else ("fine", "fewer")
             raise ValueError(
-                f"depth_mm = {self.depth_mm} over samples = {self.samples} is too coarse for the pulse "
-                f"({2.355 * self.axial_sigma:.3f} mm long); take more samples"
+                f"depth_mm = {self.depth_mm} over samples = {self.samples} is too {fault} for the pulse "
+                f"({_FWHM * self.axial_sigma:.3f} mm long); take {remedy} samples"
             )
 
     @classmethod
     def linear(
         cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: Any
     ) -> Probe:
-        """Return a small-parts probe: parallel beams."""
-        return cls(kind="linear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, aperture_mm=aperture_mm, **settings)
+        """Return a small-parts probe: parallel beams; as many samples as its pulse needs."""
+        return cls._preset("linear", frequency_mhz, depth_mm, {"aperture_mm": aperture_mm} | settings)
 
     @classmethod
     def curvilinear(cls, *, frequency_mhz: float = 3.5, depth_mm: float = 120.0, **settings: Any) -> Probe:
         """Return an abdominal probe: a convex face of 60 mm radius, 60 degrees wide."""
-        return cls(kind="curvilinear", frequency_mhz=frequency_mhz, depth_mm=depth_mm, **(_ABDOMINAL | settings))
+        return cls._preset("curvilinear", frequency_mhz, depth_mm, _ABDOMINAL | settings)
 
     @classmethod
     def phased(cls, *, frequency_mhz: float = 2.5, depth_mm: float = 140.0, **settings: Any) -> Probe:
         """Return a cardiac probe: a sector of 80 degrees from one point."""
-        return cls(kind="phased", frequency_mhz=frequency_mhz, depth_mm=depth_mm, **(_CARDIAC | settings))
+        return cls._preset("phased", frequency_mhz, depth_mm, _CARDIAC | settings)
+
+    @classmethod
+    def _preset(cls, kind: Kind, frequency_mhz: float, depth_mm: float, settings: dict[str, Any]) -> Probe:
+        _validate.number("frequency_mhz", frequency_mhz, positive=True)
+        _validate.number("depth_mm", depth_mm, positive=True)
+        bandwidth = _bandwidth(settings.get("bandwidth", cls.bandwidth))
+        samples = _fitting_samples(depth_mm, _axial_sigma(bandwidth, frequency_mhz))
+        return cls(kind=kind, frequency_mhz=frequency_mhz, depth_mm=depth_mm, **({"samples": samples} | settings))
+
+    def tuned(self, *, frequency_mhz: float, depth_mm: float, elevation_focus_mm: float) -> Probe:
+        """Return the probe with its knobs turned, and as many samples as its pulse then needs.
+
+        Examples
+        --------
+        >>> from sonospline.ultrasound import Probe
+        >>> Probe.linear().tuned(frequency_mhz=1.0, depth_mm=20, elevation_focus_mm=15).samples
+        400
+        """
+        sigma = _axial_sigma(self.bandwidth, _validate.number("frequency_mhz", frequency_mhz, positive=True))
+        depth = _validate.number("depth_mm", depth_mm, positive=True)
+        return replace(
+            self,
+            frequency_mhz=frequency_mhz,
+            depth_mm=depth_mm,
+            elevation_focus_mm=elevation_focus_mm,
+            samples=_fitting_samples(depth, sigma),
+        )
 
     @property
     def wavelength_mm(self) -> float:
@@ -182,7 +214,7 @@ class Probe:
     @property
     def axial_sigma(self) -> float:
         """Standard deviation of the two-way pulse's envelope in range, mm: s_r = (c/2) / (2 pi s_f)."""
-        return SPEED_OF_SOUND / 2 / (2 * np.pi * self.bandwidth * self.frequency_mhz / _FWHM)
+        return _axial_sigma(self.bandwidth, self.frequency_mhz)
 
     def lateral_fwhm(self, range_mm: ArrayLike) -> Array:
         """Return the beam's full width at half maximum, 0.9 wavelength max(F#, r / D), mm."""
@@ -237,3 +269,20 @@ class Probe:
             return (-self.aperture_mm / 2, self.aperture_mm / 2, 0.0, self.depth_mm)
         side = (self.depth_mm + self.apex_mm) * float(np.sin(self.half_angle))
         return (-side, side, self.apex_mm * (float(np.cos(self.half_angle)) - 1), self.depth_mm)
+
+
+def _bandwidth(value: float) -> float:
+    if not 0.05 <= _validate.number("bandwidth", value) <= 1.5:
+        raise ValueError(f"bandwidth = {value} is out of range; give 0.05 to 1.5 of the centre frequency")
+    return float(value)
+
+
+def _axial_sigma(bandwidth: float, frequency_mhz: float) -> float:
+    return float(SPEED_OF_SOUND / 2 / (2 * np.pi * bandwidth * frequency_mhz / _FWHM))
+
+
+def _fitting_samples(depth_mm: float, axial_sigma: float) -> int:
+    """1024 samples, or the number nearest to it that is neither too coarse nor too fine for the pulse."""
+    least = 16 * int(np.ceil(depth_mm / (_FITTING * axial_sigma) / 16))
+    most = 16 * int(depth_mm / (_FINEST * axial_sigma) / 16)
+    return max(min(max(_SAMPLES, least), most, _MOST_SAMPLES), 64)

@@ -1,0 +1,99 @@
+"""Every state within the limits that a scene publishes gives a picture: corners and random places between them."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from simulator_scenes import SMALL
+from sonospline.simulator import SceneFile, Session
+from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+
+KNOBS = ("gain", "depth", "frequency", "focus")
+BLOCK = """name = "Block"
+[tissue]
+source = "gel block"
+voxel_mm = 4.0
+nodes = 1000
+[model]
+use = "kelvinlet"
+[probe]
+kind = "{kind}"
+frequency_mhz = {frequency}
+depth_mm = {depth}
+focus_mm = {focus}
+lines = {lines}
+"""
+
+
+def show(session, rng, knobs):
+    """One picture, with the probe anywhere it may be."""
+    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in session.world.limits.probe.items()}
+    state = session.wish.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
+    shot = session.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
+    assert shot.image.pixels.dtype == np.uint8
+    assert shot.image.pixels.ndim == 2
+    return shot
+
+
+def places(session, rng, between):
+    """All corners of the knobs' limits, then random places between."""
+    limits = [session.world.limits.image[name] for name in KNOBS]
+    yield from itertools.product(*[sorted({*ends}) for ends in limits])
+    for _ in range(between):
+        yield [rng.uniform(*ends) for ends in limits]
+
+
+def test_every_knob_at_every_end_gives_a_picture(rng):
+    session = Session(SceneFile.parse(SMALL), model="kelvinlet")
+    pictures = [show(session, rng, knobs) for knobs in places(session, rng, 4)]
+    assert len(pictures) == 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["kidney", "gel", "cube"])
+def test_every_knob_of_a_shipped_scene_gives_a_picture(rng, scene):
+    session = Session(scene, model="kelvinlet")
+    for knobs in places(session, rng, 40):
+        show(session, rng, knobs)
+
+
+PROBES = list(
+    itertools.product(("linear", "curvilinear", "phased"), (1.0, 20.0), (20.0, 250.0), (16, 512), (5.0, 250.0))
+)
+
+
+def of_a_scene_file(rng, corners):
+    for kind, frequency, depth, lines, focus in corners:
+        text = BLOCK.format(kind=kind, frequency=frequency, depth=depth, lines=lines, focus=focus)
+        session = Session(SceneFile.parse(text))
+        low = [session.world.limits.image[name][0] for name in KNOBS]
+        show(session, rng, low)
+        show(session, rng, [0.0, depth, frequency, focus])
+
+
+@pytest.mark.parametrize("kind", ["linear", "curvilinear", "phased"])
+def test_a_probe_of_low_frequency_and_small_depth_gives_a_picture(rng, kind):
+    of_a_scene_file(rng, [(kind, 1.0, 20.0, 16, 5.0)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["linear", "curvilinear", "phased"])
+def test_every_probe_of_a_scene_file_gives_a_picture(rng, kind):
+    of_a_scene_file(rng, [corner for corner in PROBES if corner[0] == kind])
+
+
+@pytest.mark.usefixtures("backend")
+@pytest.mark.parametrize(("frequency", "depth"), [(1.0, 20.0), (20.0, 30.0)])
+def test_presets_take_the_samples_their_pulse_needs(frequency, depth):
+    probe = Probe.linear(frequency_mhz=frequency, depth_mm=depth, lines=16, aperture_mm=15)
+    assert 0.1 < probe.sample_mm / probe.axial_sigma < 1.5
+    scene = Scene.uniform("liver", size_mm=(20, 10, 30))
+    beams = Ultrasound(scene, probe, facing((10, 5, 0), depth=(0, 0, 1), right=(1, 0, 0))).render().beams
+    assert beams.shape == (16, probe.samples)
+    near = (probe.ranges > 3) & (probe.ranges < 10)
+    assert 100 < beams[:, near].mean() < 150
+
+
+def test_usual_presets_keep_their_samples():
+    assert {probe().samples for probe in (Probe.linear, Probe.curvilinear, Probe.phased)} == {1024}
