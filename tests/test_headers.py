@@ -279,3 +279,15 @@ def test_numbers_of_the_other_byte_order_are_read(tmp_path):
     }
     for name, content in cases.items():
         assert np.array_equal(read_volume(write(tmp_path, {name: content})).voxels, STORED)
+
+
+def test_voxels_that_are_no_numbers_one_can_reckon_with_are_refused(tmp_path):
+    for value in (np.inf, -np.inf, 1e300):
+        voxels = np.ones(SHAPE, "<f8")
+        voxels[2, 3, 4] = value
+        path = write(tmp_path, {"v.mha": meta_image(ElementType="MET_DOUBLE") + voxels.tobytes(order="F")})
+        with pytest.raises(ValueError, match=r"v\.mha' has a voxel of .*; give numbers of at most 1e\+30"):
+            read_volume(path)
+    voxels[2, 3, 4] = np.nan
+    path = write(tmp_path, {"v.mha": meta_image(ElementType="MET_DOUBLE") + voxels.tobytes(order="F")})
+    assert np.isnan(read_volume(path).voxels).sum() == 1

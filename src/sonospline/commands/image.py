@@ -18,7 +18,7 @@ from ..grid import Grid
 from ..grid_field import GridField
 from ..insertion import Insertion
 from ..interaction import NeedleTissueModel
-from ..io.labels import read_labels, warn_of_labels
+from ..io.labels import labels_named, read_labels, warn_of_labels
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
 from ..io.writing import write_json
@@ -181,10 +181,13 @@ def _scene(args: argparse.Namespace) -> Scene:
     if (args.table is None) == (args.names is None):
         raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
     if args.table is not None:
-        return Scene(read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table))
-    labels = read_labels(args.labels, largest=LARGEST_ORGAN)
+        labels, table = read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table)
+        with labels_named(args.labels):
+            return Scene(labels, table)
+    labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_organ_names(args.names)
     ct = None if args.ct is None else read_volume(args.ct, name="ct")
-    return scene_from_organs(labels, read_organ_names(args.names), ct=ct)
+    with labels_named(args.labels):
+        return scene_from_organs(labels, names, ct=ct)
 
 
 def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..grid import FACES, Grid, face_slice
-from ..io.labels import names_of, read_labels
+from ..io.labels import labels_named, names_of, read_labels
 from ..label_map import HALF, LabelMap
 from ..volume import Volume
 from .materials import MaterialTable, TissueMaterial, read_label_names
@@ -82,7 +82,9 @@ class TissueMap:
         """
         found = read_labels(labels)
         by_name = MaterialTable.assumed() if materials is None else MaterialTable.read(materials)
-        return cls.named(found, read_label_names(names_of(labels, names)), by_name)
+        by_label = read_label_names(names_of(labels, names))
+        with labels_named(labels):
+            return cls.named(found, by_label, by_name)
 
     @classmethod
     def named(cls, labels: Volume, names: Mapping[int, str], table: MaterialTable) -> TissueMap:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..label_map import LARGEST, LabelMap, looks_like_labels
@@ -29,6 +31,15 @@ def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
         A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``.
     """
     return LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+
+
+@contextmanager
+def labels_named(path: str | Path) -> Iterator[None]:
+    """Name the file in whatever is wrong with its labels: one has no name, or its tissue no properties."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"labels = {str(path)!r}: {error}") from None
 
 
 def warn_of_labels(volume: Volume, path: str | Path, what: str) -> None:

@@ -19,6 +19,7 @@ from .writing import write_image
 
 SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
+_LARGEST_VOXEL = 1e30
 _CONVERT = "of a DICOM series: load it in 3D Slicer and save it as .nrrd, or use dcm2niix -z y"
 _RESAMPLE = "resample the image onto axes at right angles"
 
@@ -58,7 +59,9 @@ def read_volume(path: str | Path, *, name: str = "volume") -> Volume:
     with _errors_named(where := f"{name} = {str(path)!r}"):
         header, reader = _open(path, name)
         _refuse_unfit(where, header, reader)
-        return Volume(voxels=_voxels(header, reader), **_placement(reader))
+        voxels = _voxels(header, reader)
+        _refuse_endless(where, voxels)
+        return Volume(voxels=voxels, **_placement(reader))
 
 
 def read_image(path: Path, name: str) -> Any:
@@ -151,6 +154,15 @@ def _refuse_unfit(where: str, header: Header, reader: Any) -> None:
         Grid(shape=size, **_placement(reader))
     except ValueError as error:
         raise ValueError(f"{where}: {error}; {_RESAMPLE}") from None
+
+
+def _refuse_endless(where: str, voxels: NDArray[Any]) -> None:
+    """Refuse infinite numbers, and those that single precision does not hold; NaN, where nothing is known, may be."""
+    if not np.issubdtype(voxels.dtype, np.floating):
+        return
+    largest = max(-np.fmin.reduce(voxels, axis=None), np.fmax.reduce(voxels, axis=None))
+    if not largest <= _LARGEST_VOXEL:
+        raise ValueError(f"{where} has a voxel of {largest:g}; give numbers of at most {_LARGEST_VOXEL:g} in size")
 
 
 def _placement(image: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from ..elastic import MaterialTable, TissueMap
 from ..elastic.materials import read_label_names
 from ..grid import Grid
 from ..grid_field import GridField
-from ..io.labels import names_of, read_labels, warn_of_labels
+from ..io.labels import labels_named, names_of, read_labels, warn_of_labels
 from ..io.volumes import read_volume
 from ..tissue import Tissue
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
@@ -168,13 +168,13 @@ class _Maker:
         labels = read_labels(path, largest=LARGEST_ORGAN)
         self.progress(0.1)
         names = read_label_names(names_of(path, self._file("names")))
-        ct = self._file("ct")
-        scene = scene_from_organs(
-            labels, {n: name for n, name in names.items() if n}, ct=None if ct is None else read_volume(ct, name="ct")
-        )
+        ct = None if (file := self._file("ct")) is None else read_volume(file, name="ct")
+        materials = self._materials()
+        with labels_named(path):
+            scene = scene_from_organs(labels, {n: name for n, name in names.items() if n}, ct=ct)
+            tissues = TissueMap.named(labels, names, materials)
         self.progress(0.6)
         grid = self._box(labels)
-        tissues = TissueMap.named(labels, names, self._materials())
         return _Matter(
             grid=grid,
             see=self._synthetic(scene),
