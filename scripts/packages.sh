@@ -63,7 +63,7 @@ look_for() {
     for part in "$@"; do
         case $part in
             run) look_for_python ;;
-            page) has_npm || lacks "$(has_node || echo nodejs) npm" "Node.js 18 or newer, for the page" "$(page_without_npm)" ;;
+            page) has_npm || lacks "$(has_node || echo 'nodejs ')npm" "Node.js 18 or newer, for the page" "$(page_without_npm)" ;;
             browser)
                 has_chromium || lacks "$(chromium_package)" "for the tests in a browser" "without the tests in a browser" ;;
             fenicsx)
@@ -158,8 +158,12 @@ apt_install() {
 }
 
 update_and_install() {
+    local get=("${rootly[@]}" apt-get -o DPkg::Lock::Timeout=600 install -y -q --no-install-recommends)
     "${rootly[@]}" apt-get update || true  # one source of many may be out of reach
     # What an interrupted installation left is finished first.
-    "${rootly[@]}" dpkg --force-confold --configure -a &&
-        "${rootly[@]}" apt-get -o DPkg::Lock::Timeout=600 install -y -q --no-install-recommends "${packages[@]}"
+    if [ -n "$(dpkg --audit 2>&1)" ]; then
+        "${rootly[@]}" dpkg --force-confold --configure -a || true  # the rest is still to be unpacked
+        "${get[@]}" --fix-broken
+    fi
+    "${get[@]}" "${packages[@]}"
 }

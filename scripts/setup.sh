@@ -60,14 +60,17 @@ quietly() {
 }
 
 reason() {
-    if grep -qiE 'failure resolving|could not resolve|name or service not known|NameResolution|NewConnection|ENOTFOUND|EAI_AGAIN|ECONNREFUSED|network is unreachable|could not connect|unable to connect|timed out|ProxyError|Cannot connect to proxy' "$log"; then
-        echo "no network, or a proxy that is not named in http_proxy and https_proxy"
-    elif grep -qiE 'CERTIFICATE_VERIFY_FAILED|SELF_SIGNED_CERT|UNABLE_TO_GET_ISSUER' "$log"; then
-        echo "a certificate is not trusted here (name its authority in PIP_CERT and NODE_EXTRA_CA_CERTS)"
-    else
-        { grep -iE '^E: |error|ERR!' "$log" || tail -n 1 "$log"; } | tail -n 1
-    fi
+    local words
+    words=$(grep -v '^sudo:' "$log" || true)
+    case $(grep -oiE "$out_of_reach|$not_trusted" <<<"$words" | tail -n 1) in
+        '') { grep -iE '^E: |error|ERR!' <<<"$words" || echo "$words"; } | tail -n 1 ;;
+        *[Cc][Ee][Rr][Tt]*) echo "a certificate is not trusted here (name its authority in PIP_CERT and NODE_EXTRA_CA_CERTS)" ;;
+        *) echo "no network, or a proxy that is not named in http_proxy and https_proxy" ;;
+    esac
 }
+out_of_reach='failure resolving|could not resolve|name or service not known|NameResolution|NewConnection|ENOTFOUND|EAI_AGAIN'
+out_of_reach+='|ECONNREFUSED|network is unreachable|could not connect|unable to connect|timed out|connect to proxy'
+not_trusted='certificate verify failed|SELF_SIGNED_CERT|UNABLE_TO_GET_ISSUER_CERT'
 
 # npm ends where it cannot write to its cache, pip becomes slow.
 use_own_caches_without_a_home() {
