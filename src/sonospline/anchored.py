@@ -13,7 +13,7 @@ indefinite matrix (6) thus becomes a Cholesky factor, and a landmark costs one r
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +144,11 @@ class AnchoredSystem:
         self._columns = _Rows(base.size + 4)  # b of each landmark
         self._solved = _Rows(base.size + 4)  # M^-1 b of each landmark
         self._factor = _core.active.CholeskyFactor()
+        self._batches: list[tuple[Array, int]] = []
+        """Landmarks as they were added, and how many of each are left: a copy takes the same steps to the same bits."""
+
+    def __reduce__(self) -> Any:
+        return _with_batches, (self._kernel, self._base, self._diagonal, self._batches)
 
     def append(self, points: Array) -> None:
         """Add landmarks (m, 3), in O(m n^2); LinAlgError, and no change, where that would be singular."""
@@ -161,6 +166,7 @@ class AnchoredSystem:
         if not self._factor.append(rows, _SMALLEST_PIVOT):
             self.truncate(known)
             raise np.linalg.LinAlgError("a landmark coincides with another")
+        self._batches.append((points, len(points)))
 
     def reserve(self, size: int) -> None:
         """Make room for so many landmarks at once."""
@@ -171,6 +177,12 @@ class AnchoredSystem:
         self._factor.truncate(size)
         for rows in (self._points, self._columns, self._solved):
             rows.truncate(size)
+        before = np.cumsum([0, *(kept for _, kept in self._batches)])
+        self._batches = [
+            (points, min(kept, int(size - first)))
+            for (points, kept), first in zip(self._batches, before, strict=False)
+            if first < size
+        ]
 
     def refactor(self) -> None:
         """Factor everything anew."""
@@ -203,3 +215,12 @@ class AnchoredSystem:
         if self._diagonal:
             met += self._kernel.sign * self._diagonal * solution.weights[some]
         return float(np.abs(met - values[some]).max() / largest)
+
+
+def _with_batches(kernel: Kernel, base: Base, diagonal: float, batches: list[tuple[Array, int]]) -> AnchoredSystem:
+    system, size = AnchoredSystem(kernel, base, diagonal), 0
+    for points, kept in batches:
+        size += kept
+        system.append(points)
+        system.truncate(size)
+    return system

@@ -134,6 +134,13 @@ class ElasticSolver:
         self.rest = ElasticState(zero, zero)
         """The state without a needle."""
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_multigrid"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._multigrid = self._make_multigrid()
+
     def step(
         self, state: ElasticState, load: Load, needle: Needle, *, iterations: int | None = None, estimate: bool = False
     ) -> ElasticState:

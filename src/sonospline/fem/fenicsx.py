@@ -16,7 +16,7 @@ import weakref
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,9 @@ class FEniCSx(Engine):
         self._python = interpreter()
         self._system = system
         self._worker: _Worker | None = None
+
+    def __reduce__(self) -> Any:
+        return type(self), (self._system,)
 
     def solve(self, body_force: Array, prescribed: Array, held: Mask | None = None) -> tuple[Array, StepTimes]:
         given = np.broadcast_to(self._system.pinned[:, None], prescribed.shape)

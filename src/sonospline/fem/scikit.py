@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,9 @@ class ScikitFem(Engine):
         self._matrices: Matrices | None = None
         self._solver: Solver | None = None
         self._making = Lock()
+
+    def __reduce__(self) -> Any:
+        return type(self), (self._system,)
 
     def solve(self, body_force: Array, prescribed: Array, held: Mask | None = None) -> tuple[Array, StepTimes]:
         with self._making:

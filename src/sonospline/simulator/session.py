@@ -137,6 +137,12 @@ class Session:
         self._frozen_at: float | None = None
         self._frames = 0
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_making"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _making=threading.Lock())
+
     def step(self, wish: Wish | None = None) -> Shot:
         """Bring the tissue nearer to a wish and return the picture of it.
 

@@ -196,7 +196,7 @@ class _Maker:
         grey, diameter = grey_range(volume.voxels, seen), self._echo().diameter_mm
         grid = self._box(volume)
         return _Matter(
-            grid=grid, see=lambda probe, pose: ReslicedImager(reslicer, grey, probe, pose, diameter),
+            grid=grid, see=partial(ReslicedImager, reslicer, grey, needle_mm=diameter),
             targets=_middle(grid),
         )  # fmt: skip
 
@@ -204,7 +204,7 @@ class _Maker:
         shown = self.spec.display
         display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db)
         echo = self._echo()
-        return lambda probe, pose: SyntheticImager.of(scene, probe, pose, display=display, echo=echo)
+        return partial(SyntheticImager.of, scene, display=display, echo=echo)
 
     def _echo(self) -> NeedleEcho:
         return LOOKS[self.spec.needle.look]()

@@ -76,6 +76,9 @@ class Scene:
                     "or give an AcousticTissue"
                 )
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_echoes"}  # made anew where asked for
+
     @classmethod
     def uniform(
         cls, tissue: str | AcousticTissue, *, size_mm: tuple[float, float, float], spacing_mm: float = 1.0

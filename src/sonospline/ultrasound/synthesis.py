@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -149,7 +148,7 @@ class Ultrasound:
         What does not depend on the pose is shared. Scatterers are chosen anew by the next :meth:`render`:
         tens of milliseconds, fast enough for a probe in a hand.
         """
-        other = copy.copy(self)
+        other = self._twin()
         other.plane = replace(self.plane, image_to_reference=pose.rigid("image_to_reference", image_to_reference))
         other._aimed = _Aimed(self.optics.plan(self._scan), self._aimed.margin_mm)
         return other
@@ -169,7 +168,7 @@ class Ultrasound:
         """
         if not isinstance(probe, Probe):
             raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
-        other = copy.copy(self)
+        other = self._twin()
         for cached in ("_no_needle", "_noise_level", "_offset_db"):
             other.__dict__.pop(cached, None)
         plane = picture_plane(probe, self.image_to_reference, self.plane.shape)
@@ -217,11 +216,24 @@ class Ultrasound:
 
     def with_display(self, **settings: float) -> Ultrasound:
         """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
-        other = copy.copy(self)
+        other = self._twin()
         other.display = replace(self.display, **settings)
         for cached in ("_offset_db", "_noise_level"):
             other.__dict__.pop(cached, None)
         return other
+
+    def _twin(self) -> Ultrasound:
+        """A scanner that shares everything with this one."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_aimed": self._aimed.margin_mm}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._aimed = _Aimed(self.optics.plan(self._scan), state["_aimed"])
 
     def _use(self, probe: Probe, plane: ImagePlane, margin_mm: float) -> None:
         self.probe, self.optics, self.plane = probe, Optics(probe), plane

@@ -1,0 +1,179 @@
+"""Copies and pickles go on to the same bits as what they were made of, and share nothing that changes with it."""
+
+import copy
+import multiprocessing
+import pickle
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from simulator_scenes import SMALL
+from sonospline.elastic import ElasticInsertion, scene
+from sonospline.fem import FiniteElementModel, LineForce
+from sonospline.simulator import SceneFile, Session
+from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+
+HOWS = {"pickle": lambda thing: pickle.loads(pickle.dumps(thing)), "deepcopy": copy.deepcopy}
+SIDE = 100.0
+
+
+def tissue():
+    return ss.Tissue(ss.Grid(shape=(9, 9, 9), spacing=SIDE / 8))
+
+
+def needle(depth):
+    return ss.Needle((0, 0.45 * SIDE, 0.5 * SIDE), (depth * SIDE, 0.55 * SIDE, 0.5 * SIDE))
+
+
+def insertion_pulled_back():
+    """Landmarks appended in several batches, some dropped, others on a new axis."""
+    insertion = ss.Insertion(tissue())
+    for depth in (0.2, 0.5, 0.3):
+        insertion.advance(needle(depth))
+    insertion.advance(ss.Needle((0, 0.5 * SIDE, 0.6 * SIDE), (30, 50, 60)))
+    return insertion
+
+
+def moving_mesh():
+    model = ss.NeedleTissueModel.paper_incremental(SIDE)
+    insertion = ss.Insertion(tissue(), model, accumulation="incremental")
+    insertion.advance(needle(0.1))
+    return insertion
+
+
+def elastic():
+    insertion = ElasticInsertion(tissue(), scene("layers", side=SIDE), nodes=9**3)
+    insertion.advance(needle(0.2))
+    return insertion
+
+
+def advance(insertion):
+    fields = [insertion.advance(needle(depth)) for depth in (0.3, 0.45, 0.6)]
+    return np.stack([field.on_grid() for field in fields])
+
+
+def scanner(scene, probe_depth=30.0):
+    probe = Probe.linear(depth_mm=probe_depth, lines=32, aperture_mm=30)
+    return Ultrasound(scene, probe, facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
+
+
+def look(scene):
+    return scanner(scene).render().iq
+
+
+def rendered(thing):
+    look(thing)
+    return thing
+
+
+def a_scene():
+    return Scene.uniform("liver", size_mm=(40, 10, 40))
+
+
+def used_scanner():
+    made = scanner(a_scene())
+    made.render()
+    return made
+
+
+def render(made):
+    grid = ss.Grid(shape=(9, 5, 9), spacing=(5, 2.5, 5))
+    field = ss.GridField(grid, np.full((*grid.shape, 3), 0.4, np.float32))
+    turned = made.with_display(gain_db=-25.0).moved(facing((20, 5, 3), depth=(0, 0.1, 1), right=(1, 0, 0)))
+    return np.stack([made.render(field, frame=3).iq, turned.render(field).iq])
+
+
+def solved():
+    model = FiniteElementModel(tissue(), solver="direct")
+    model.solve(LineForce.for_cube(SIDE, 10), needle(0.3))
+    return model
+
+
+def solve(model):
+    return model.solve(LineForce.for_cube(SIDE, 10), needle(0.5))
+
+
+def small_session(model):
+    session = Session(SceneFile.parse(SMALL), model=model)
+    session.step(session.wish.with_needle(depth=20))
+    return session
+
+
+def push(session):
+    shots = [session.step(session.wish.with_needle(depth=depth).with_probe(slide=depth / 10)) for depth in (24, 30)]
+    return np.concatenate([part.ravel().astype(float) for s in shots for part in (s.image.pixels, s.field.values)])
+
+
+THINGS = {
+    "Insertion": (lambda: ss.Insertion(tissue()), advance),
+    "Insertion under way": (insertion_pulled_back, advance),
+    "Insertion, incremental": (moving_mesh, advance),
+    "Insertion, all anchors": (lambda: ss.Insertion(tissue(), anchors="all"), advance),
+    "KelvinletInsertion": (lambda: ss.KelvinletInsertion(tissue()), advance),
+    "ElasticInsertion": (elastic, advance),
+    "FiniteElementModel": (solved, solve),
+    "Scene": (a_scene, look),
+    "Scene rendered": (lambda: rendered(a_scene()), look),
+    "Ultrasound": (used_scanner, render),
+    "Session, paper": (lambda: small_session("paper"), push),
+    "Session, elastic": (lambda: small_session("elastic"), push),
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def a_cache_of_its_own(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SONOSPLINE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.mark.parametrize("how", HOWS.values(), ids=HOWS)
+@pytest.mark.parametrize(("make", "go_on"), THINGS.values(), ids=THINGS)
+def test_a_copy_goes_on_to_the_same_bits_on_its_own(make, go_on, how):
+    thing = make()
+    twin, other = how(thing), how(thing)
+    go_on(other)  # moves nothing of the first two
+    assert np.array_equal(go_on(twin), go_on(thing))
+
+
+@pytest.mark.usefixtures("backend")
+@pytest.mark.parametrize("how", HOWS.values(), ids=HOWS)
+def test_copies_hold_on_either_backend(how):
+    insertion = insertion_pulled_back()
+    assert np.array_equal(advance(how(insertion)), advance(insertion))
+
+
+def test_another_process_goes_on_to_the_same_bits():
+    names = ["Insertion under way", "KelvinletInsertion", "ElasticInsertion", "Scene rendered", "Session, paper"]
+    things = [(THINGS[name][0](), THINGS[name][1]) for name in names]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        there = pool.map(_go_on, things)
+    for name, (thing, go_on), found in zip(names, things, there, strict=True):
+        assert np.array_equal(go_on(thing), found), name
+
+
+def _go_on(pair):
+    thing, go_on = pair
+    return go_on(thing)
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        tissue(), tissue().grid, needle(0.5), ss.NeedleTissueModel.paper(), ss.DragModel.kelvinlet(),
+        Probe.curvilinear(), scene("layers"), SceneFile.parse(SMALL),
+    ],
+    ids=lambda thing: type(thing).__name__,
+)  # fmt: skip
+@pytest.mark.parametrize("how", HOWS.values(), ids=HOWS)
+def test_parameters_are_copied_whole(thing, how):
+    assert same(how(thing), thing)
+
+
+def same(a, b):
+    if isinstance(b, np.ndarray):
+        return np.array_equal(a, b) and a.dtype == b.dtype
+    if isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in b)
+    return type(a) is type(b) and (same(vars(a), vars(b)) if hasattr(b, "__dict__") else a == b)
