@@ -52,7 +52,7 @@ has_compiler() {
         { [ -z "${CXX:-}" ] && printf '#include <vector>\n' | g++ -std=c++17 -x c++ -fsyntax-only - 2>/dev/null; }
 }
 
-has_node() { node -e 'process.exit(parseInt(process.versions.node) < 18)' 2>/dev/null; }
+has_node() { node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null; }
 has_npm() { has npm && has_node; }
 has_chromium() { has chromium || has chromium-browser || has google-chrome; }
 
