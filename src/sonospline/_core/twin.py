@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from .twin_bmode import BmodePlan as BmodePlan
+from .twin_checks import require, same_length
 from .twin_elastic import ElasticMultigrid as ElasticMultigrid
 from .twin_elastic import line_load as line_load
 from .twin_multilevel import MultilevelPlan as MultilevelPlan
@@ -36,6 +37,11 @@ _SLOPE: dict[int, Callable[[Array], Array]] = {
 }
 
 
+def _of(functions: dict[int, Callable[[Array], Array]], kernel: int) -> Callable[[Array], Array]:
+    require(kernel in functions, "kernel is neither 0 (r) nor 1 (r^3)")
+    return functions[kernel]
+
+
 def _distances(points: Array, centres: Array) -> Array:
     squared = np.zeros((len(points), len(centres)), points.dtype)
     for axis in range(3):
@@ -52,10 +58,12 @@ def _blocks(count: int, centres: int) -> Iterator[slice]:
 def _sum_at_points(
     kernel: int, points: Array, centres: Array, weights: Array, affine: Array, dtype: DTypeLike
 ) -> NDArray[Any]:
+    same_length("centres", centres, "weights", weights)
+    value = _of(_VALUE, kernel)
     points, centres, weights, affine = (a.astype(dtype, copy=False) for a in (points, centres, weights, affine))
     out = points @ affine[1:] + affine[0]
     for block in _blocks(len(points), len(centres)):
-        out[block] += _VALUE[kernel](_distances(points[block], centres)) @ weights
+        out[block] += value(_distances(points[block], centres)) @ weights
     return out
 
 
@@ -103,9 +111,11 @@ def sum_on_lattice_f64(
 
 
 def gradient_at_points(kernel: int, points: Array, centres: Array, weights: Array, affine: Array) -> Array:
+    same_length("centres", centres, "weights", weights)
+    slope_of = _of(_SLOPE, kernel)
     out = np.empty((len(points), 3, 3))
     for block in _blocks(len(points), len(centres)):
-        slope = _SLOPE[kernel](_distances(points[block], centres))
+        slope = slope_of(_distances(points[block], centres))
         for axis in range(3):
             difference = points[block, None, axis] - centres[None, :, axis]
             out[block, :, axis] = (slope * difference) @ weights
@@ -114,6 +124,7 @@ def gradient_at_points(kernel: int, points: Array, centres: Array, weights: Arra
 
 def kelvinlet_sum(points: Array, centres: Array, forces: Array, width: float, poissons_ratio: float) -> Array:
     """Return the sum over centres (n, 3) of regularised Kelvinlets K(p - c) f at points (m, 3)."""
+    same_length("centres", centres, "forces", forces)
     out = np.empty((len(points), 3))
     a = 1 / (4 * np.pi)
     b = a / (4 * (1 - poissons_ratio))
@@ -130,7 +141,7 @@ def kelvinlet_sum(points: Array, centres: Array, forces: Array, width: float, po
 
 
 def kernel_matrix(kernel: int, points: Array, centres: Array) -> Array:
-    return _VALUE[kernel](_distances(points, centres))
+    return _of(_VALUE, kernel)(_distances(points, centres))
 
 
 class CholeskyFactor:
@@ -149,6 +160,7 @@ class CholeskyFactor:
         from scipy.linalg import solve_triangular
 
         old = self.size
+        require(rows.shape[1] == old + len(rows), "rows is not (m, size + m)")
         left = solve_triangular(self._factor, rows[:, :old].T, lower=True).T
         try:
             corner = np.linalg.cholesky(rows[:, old:] - left @ left.T)
@@ -170,6 +182,8 @@ class CholeskyFactor:
         """Solve A x = b in place for the first n rows: x (3, n) is zero before row ``first``."""
         from scipy.linalg import solve_triangular
 
+        require(x.shape[1] <= self.size, "x is not (3, size) or shorter")
+        require(0 <= first <= x.shape[1], "first is beyond the rows of x")
         factor = self._factor[: x.shape[1], : x.shape[1]]
         x[:, first:] = solve_triangular(factor[first:, first:], x[:, first:].T, lower=True).T
         x[:] = solve_triangular(factor, x.T, lower=True, trans="T").T

@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .twin_checks import numbered, require, require_spacing
+
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _BIN_PAD = 64
+_MOST_SAMPLES = 1 << 26  # of all lines
+_SLACK = 64
+_FRAME_NUMBERS = 16
 _MOST_LOSS_DB = 60.0
 _BLOCK = 65536  # scatterers at once
 
@@ -38,6 +43,27 @@ class BmodePlan:
         pixel: NDArray[np.int32],
         fraction: NDArray[np.uint8],
     ) -> None:
+        require(bool(np.isfinite(geometry).all()), "geometry is not finite")
+        require(2 <= lines <= 32767, "lines is not between 2 and 32767")
+        fitting = samples >= 16 and samples % 16 == 0 and samples <= _MOST_SAMPLES // lines
+        require(fitting, "samples is not a multiple of 16, or too many")
+        require(len(axial) % 2 == 1 and len(axial) < 2 * _BIN_PAD, "axial has a wrong length")
+        require(len(lateral) % 2 == 1 and lateral.shape[1] == samples, "lateral has a wrong shape")
+        require(
+            rays >= 1 and ray_samples >= 16 and ray_samples % 16 == 0 and ray_samples <= _MOST_SAMPLES // rays,
+            "ray_samples is not a multiple of 16, or rays or ray_samples too many",
+        )
+        taps = smoothing.shape[1]
+        require(
+            len(smoothing) == lines and len(smoothing_first) == lines and taps <= rays,
+            "smoothing is not (lines, taps), or smoothing_first not (lines)",
+        )
+        sound = smoothing_first.min() >= 0 and smoothing_first.max() <= rays - taps
+        require(sound, "smoothing_first has a ray that is none")
+        require(pixel.size > 0 and fraction.shape[:2] == pixel.shape, "pixel is empty, or fraction not of its shape")
+        corner = (lines - 1) * samples - 2
+        require(pixel.max() <= corner, "pixel has a sample beyond the last but one, of the last line but one")
+        self._aimed = False
         self.geometry, self.curved, self.lines, self.samples = geometry, curved, lines, samples
         self.axial, self.lateral = axial, lateral
         self.rays, self.ray_samples = rays, ray_samples
@@ -64,7 +90,20 @@ class BmodePlan:
         impedance: Floats,
     ) -> None:
         """Take scatterers by cell, rays and labels."""
+        cells = len(nodes)
+        require(
+            frames.shape == (cells, _FRAME_NUMBERS) and len(starts) == cells + 1,
+            "frames is not (cells, 16), or nodes and starts are not for as many cells",
+        )
+        require(starts[0] >= 0 and bool((np.diff(starts) >= 0).all()), "starts falls, or begins below 0")
         count = int(starts[-1])
+        require(
+            place.shape[1] == len(amplitude) >= count + _SLACK,
+            "place and amplitude do not reach 64 beyond the last scatterer, or differ in length",
+        )
+        require(len(ray_start) == self.rays == len(ray_step), "ray_start or ray_step is not (rays, 3)")
+        require(nodes.min(initial=0) >= 0, "nodes has a number below 0")
+        self._aimed, self._lattice_nodes = True, int(nodes.sum(axis=1, dtype=np.int64).max(initial=-1)) + 1
         self.frames, self.nodes, self.starts = frames, nodes, starts
         self.places = (place[:, :count].astype(np.float32) + np.float32(0.5)) / np.float32(65536)
         self.amplitude = amplitude[:count] * np.float32(amplitude_step)
@@ -84,6 +123,16 @@ class BmodePlan:
         range_db: float,
     ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint8]]:
         """Return complex beams (lines, samples, 2), their grey levels, and the picture."""
+        require(numbered(values.shape[:3], 2), "values has fewer than 2 nodes along an axis, or too many")
+        require_spacing(spacing)
+        require(len(noise) >= 2 * self.lines * self.samples, "noise is shorter than 2 lines samples")
+        require(
+            shadow.shape == (2, self.lines) and len(offset_db) == self.samples,
+            "shadow is not (2, lines), or offset_db not (samples)",
+        )
+        require(self._aimed, "aim first")
+        enough = np.prod(values.shape[:3]) >= self._lattice_nodes
+        require(enough, "values has fewer nodes than the aim's lattice")
         grid = self._splat(values, spacing, echoes)
         beams = self._axial(grid) * self._gain(values, spacing, shadow, shadow_soft_mm)
         tile = noise[: 2 * self.lines * self.samples].reshape(self.lines, self.samples, 2)

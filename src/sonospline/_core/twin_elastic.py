@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .twin_checks import numbered, require, require_spacing, same_length
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Level = tuple[tuple[float, float, float], Single, Single]
 """Spacing, and the Lamé moduli of each cell (cx, cy, cz)."""
 
-_COARSEST_STEPS = 30
+_COARSEST_STEPS, _HIGHEST_DEGREE = 30, 100
 _POWER_ITERATIONS = 15
 _MARGIN, _RANGE = 1.1, 20.0
 _CORNERS = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
@@ -184,6 +186,18 @@ class ElasticMultigrid:
     ) -> None:
         from scipy.sparse import kron
 
+        for spacing, lame, shear in levels:
+            require(lame.shape == shear.shape, "lame and shear differ in shape")
+            require(numbered(lame.shape, 1), "lame has no cell along an axis, or too many")
+            require_spacing(spacing)
+        n = coarse_inverse.shape[0]
+        require(coarse_inverse.shape == (n, n), "coarse_inverse is not square")
+        require(len(levels) > 0, "levels is empty")
+        require(1 <= degree <= _HIGHEST_DEGREE, "degree is not between 1 and 100")
+        require(
+            n in (0, 3 * free_nodes(levels[-1][1].shape, pinned).sum()),
+            "coarse_inverse is neither empty nor over the free unknowns of the last level",
+        )
         last = len(levels) - 1
         self._grids = [
             _Grid(level, pinned, full, _COARSEST_STEPS if i == last else degree) for i, level in enumerate(levels)
@@ -203,6 +217,9 @@ class ElasticMultigrid:
         proved positive throughout. The cycle V is nearly the inverse, so V r is what u lacked.
         """
         grid = self._grids[0]
+        self._check(load)
+        self._check(start)
+        require(0 <= iterations <= 10_000, "iterations is not between 0 and 10000")
         b, u = load.reshape(-1)[grid.free].astype(float), start.reshape(-1)[grid.free].astype(float)
         r = b - grid.matrix @ u
         errors, sound, direction, old = [], True, np.zeros_like(u), 1.0
@@ -232,7 +249,11 @@ class ElasticMultigrid:
     def product(self, values: Single) -> Single:
         """Return the operator times (3, nx, ny, nz), reactions at the pinned nodes included."""
         grid = self._grids[0]
+        self._check(values)
         return (grid.all @ values.reshape(-1).astype(float)).astype(np.float32).reshape(values.shape)
+
+    def _check(self, values: Single) -> None:
+        require(values.shape == (3, *self._grids[0].shape), "values are not of the solver's shape")
 
     def _cycle(self, number: int, right: Array) -> Array:
         grid = self._grids[number]
@@ -263,6 +284,10 @@ def line_load(
     """
     from scipy.special import erf
 
+    require(numbered(shape, 1), "shape has no node along an axis, or too many")
+    require_spacing(spacing)
+    same_length("places", places, "changes", changes)
+    require(np.isfinite(width) and width > 0, "width is not a length above 0")
     axes = [np.arange(n) * h - o for n, h, o in zip(shape, spacing, origin, strict=True)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"))
     along = np.tensordot(direction, place, axes=1)

@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .twin_checks import numbered, require, require_spacing, same_length
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Triple = tuple[int, int, int]
@@ -175,6 +177,9 @@ class MultilevelPlan:
     ) -> None:
         if not 1 <= len(orders) <= MAX_LEVELS or any(order not in ORDERS for order in orders):
             raise ValueError("orders is not 1 to 3 of 4, 6, 8, 10 and 12")
+        require(numbered(shape, 1), "shape has no node along an axis, or too many")
+        require_spacing(spacing)
+        require(np.isfinite(tolerance) and tolerance > 0, "tolerance is not above 0")
         self._shape, self._spacing, self._tolerance = tuple(shape), np.asarray(spacing, float), tolerance
         ratio = self._spacing / self._spacing[0]
         self._levels = [_Level(i, p, ratio, tolerance / self._spacing[0]) for i, p in enumerate(orders)]
@@ -202,6 +207,7 @@ class MultilevelPlan:
 
     def error_per_weight(self, depth: int) -> float:
         """Return the bound of the error over the sum of |weights|, rounding aside."""
+        require(0 <= depth <= self.max_depth, "depth is not between 0 and max_depth")
         factors = [amplification(level.order) for level in self._levels[: depth - 1]]
         return float(self._tolerance * np.cumprod([1.0, *factors]).sum()) if depth else 0.0
 
@@ -228,8 +234,7 @@ class MultilevelPlan:
         out : (nx, ny, nz, 3) float32 ndarray, optional
             Filled and returned instead of a new array.
         """
-        if len(centre_index) != len(weights):
-            raise ValueError("centre_index and weights differ in length")
+        same_length("centre_index", centre_index, "weights", weights)
         if (centre_index < 0).any() or (centre_index >= self._shape).any():
             raise ValueError("centre_index has a node outside the lattice")
         if out is not None and out.shape != (*self._shape, 3):

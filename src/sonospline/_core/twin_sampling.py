@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._spline_axis import filter_matrix
+from .twin_checks import numbered, require, require_order, require_spacing
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -26,7 +27,7 @@ def sample_lattice(values: Single, spacing: tuple[float, float, float], points: 
 def gradient_lattice(coefficients: Single, spacing: tuple[float, float, float], points: Array) -> Array:
     """Return d u_a / d x_b (m, 3, 3) of a cubic field at points (m, 3); zero across the ends beyond the lattice."""
     cell, t = _place(coefficients, spacing, points, 3)
-    index = points / spacing
+    index = points / np.array(spacing)
     inside = (index >= 0) & (index <= np.array(coefficients.shape[:3]) - 3)
     out = np.empty((len(points), 3, 3))
     for b in range(3):
@@ -40,9 +41,11 @@ def _place(
     values: Single, spacing: tuple[float, float, float], points: Array, order: int
 ) -> tuple[NDArray[np.int64], Single]:
     """First node of the sum at each point, and the place in its cell."""
+    require_order(values, order)
+    require_spacing(spacing)
     last = np.array(values.shape[:3]) - (1 if order == 1 else 3)
-    index = np.clip(np.nan_to_num(points / spacing), 0, last)
-    cell = np.minimum(index.astype(np.int64), last - 1)
+    index = np.clip(points / np.array(spacing), 0, last)  # what is no number stays none
+    cell = np.minimum(np.nan_to_num(index).astype(np.int64), last - 1)
     return cell, (index - cell).astype(np.float32)
 
 
@@ -73,6 +76,9 @@ def invert_lattice(
     values: Single, spacing: tuple[float, float, float], points: Array, tolerance: float, most: int, order: int = 1
 ) -> tuple[Array, NDArray[np.int32]]:
     """Solve x + u(x) = p for points (m, 3); return x and the iterations taken, 0 where too few were allowed."""
+    require(0 <= most <= 1_000_000, "most is not between 0 and 1000000")
+    require_order(values, order)
+    require_spacing(spacing)
     x = points.copy()
     iterations = np.zeros(len(points), np.int32)
     remaining = np.arange(len(points))
@@ -101,6 +107,11 @@ def reslice(
     """Return grey and seen (rows, columns) of a plane through a deformed image, linear between voxels."""
     from scipy.ndimage import map_coordinates
 
+    require(numbered(values.shape[:3], 2), "values has fewer than 2 nodes along an axis, or too many")
+    require_spacing(spacing)
+    require(min(voxels.shape) >= 1, "voxels is empty, or has too long an axis")
+    require(seen is None or seen.shape == voxels.shape, "seen is not of the shape of voxels")
+    require(0 <= most <= 10_000, "most is not between 0 and 10000")
     rows, columns = np.indices(shape)
     points = np.column_stack([columns.ravel(), rows.ravel(), np.ones(rows.size)]).astype(np.float64) @ pixel.T
     x, iterations = invert_lattice(values, spacing, points, tolerance, most)
@@ -120,6 +131,12 @@ def resample_lattice(values: Single, x: Single, y: Single, z_transposed: Single)
     Weights along x and y, at least 4 nodes each, are those of B-splines; those along z take
     the values themselves, transposed.
     """
+    nx, ny, nz = values.shape[1:]
+    require(nx >= 4 and ny >= 4 and nz >= 1, "values has fewer than 4 nodes along x or y, or none along z")
+    require(
+        x.shape[1] == nx + 2 and y.shape[1] == ny + 2 and len(z_transposed) == nz,
+        "x, y or z_transposed has not the columns that values takes",
+    )
     along_x, along_y = (w @ filter_matrix(w.shape[1] - 2).astype(np.float32) for w in (x, y))
     rows = np.matmul(along_y, values @ z_transposed)
     return np.ascontiguousarray(np.einsum("mi,aiyz->myza", along_x, rows, optimize=True))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .twin_checks import MOST_NODES, numbered, require, require_spacing
 from .twin_interfaces import find_interfaces, interface_copies, largest_face
 
 Array = NDArray[np.float64]
@@ -20,6 +21,7 @@ _STRIP_LINES = 32
 _SLACK = 64
 _FULL = 32000
 _BRICK_BITS = 6
+_MOST_IN_BRICK, _MOST_SMOOTHING = 512, 64
 
 
 class View(NamedTuple):
@@ -86,6 +88,18 @@ class EchoScene:
         interfaces: tuple[float, ...],
         no_echo: float,
     ) -> None:
+        require_spacing(spacing)
+        side, patterns = len(texture), len(places)
+        require(side >= 2 and texture.shape == (side,) * 3, "texture is no cube of 2 or more")
+        require(
+            patterns > 0 and patterns & (patterns - 1) == 0 and signs.shape == (patterns, places.shape[2]),
+            "places and signs differ in length, or are no power of two",
+        )
+        require(signs.shape[1] <= _MOST_IN_BRICK, "signs has more than 512 columns")
+        require(
+            bool(np.isfinite(interfaces).all()) and 0 < interfaces[0] <= _MOST_SMOOTHING and interfaces[3] >= 0,
+            "interfaces is not finite, or smoothing not between 0 and 64 voxels, or points_per_mm2 below 0",
+        )
         self.labels, self.spacing, self.impedance = labels, np.array(spacing), impedance
         self.level_db, self.texture_db, self.texture_step, self.texture = level_db, texture_db, texture_step, texture
         self.places, self.signs, self.numbers, self.no_echo = places, signs, interfaces, no_echo
@@ -122,6 +136,15 @@ class EchoScene:
         former; ``power`` is that of speckle at each sample.
         """
         view = View(*probe)
+        finite = all(np.isfinite(numbers).all() for numbers in (probe, to_image, to_cell, cell_to_image))
+        require(finite, "probe or an affine map is not finite")
+        require(
+            view.brick_mm > 0 and view.sample_mm > 0 and view.line_step > 0,
+            "brick_mm, sample_mm or line_step of probe is not above 0",
+        )
+        require(numbered(shape, 1), "shape has no node along an axis, or too many")
+        require_spacing(spacing)
+        require(len(power) >= 2, "power is shorter than 2")
         parts = zip(self._volume(view, to_image, seed), self._surface(view, to_image, power), strict=True)
         local, size = (np.concatenate(pair) for pair in parts)
         index = _mapped(to_cell, local)
@@ -205,8 +228,11 @@ class EchoScene:
         local = (corners - to_image[:, 3]) @ to_image[:, :3]
         half = self.spacing / 2
         end = (np.array(self.labels.shape) - 1) * self.spacing + half
-        low = np.floor(np.maximum(local.min(axis=0), -half) / view.brick_mm).astype(np.int64)
-        high = np.ceil(np.minimum(local.max(axis=0), end) / view.brick_mm).astype(np.int64)
+        first = np.floor(np.maximum(local.min(axis=0), -half) / view.brick_mm)
+        last = np.ceil(np.minimum(local.max(axis=0), end) / view.brick_mm)
+        fits = max(np.abs(first).max(), np.abs(last).max()) < MOST_NODES
+        require(fits, "brick_mm is too small for the scene")
+        low, high = first.astype(np.int64), last.astype(np.int64)
         found = [np.zeros((0, 3), np.int64)]
         for i in range(low[0], high[0]) if (high > low).all() else ():  # an oblique slice fills little of its box
             layer = np.stack(np.meshgrid([i], *(np.arange(low[a], high[a]) for a in (1, 2)), indexing="ij"), axis=-1)

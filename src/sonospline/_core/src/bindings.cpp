@@ -1,5 +1,4 @@
-// Python side of the core. Arguments are checked by the Python package; here only
-// shapes and types are (by nanobind). The interpreter lock is released in every sum.
+// Python side of the core: sums of kernels, and what it runs on. The interpreter's lock is let go in every sum.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -20,13 +19,19 @@ using namespace nb::literals;
 
 namespace {
 
+sono::Kernel kernel_of(int number) {
+    sono::require(number == 0 || number == 1, "kernel is neither 0 (r) nor 1 (r^3)");
+    return static_cast<sono::Kernel>(number);
+}
+
 sono::KernelSum kernel_sum(int kernel, const Rows &centres, const Rows &weights, const Affine &affine) {
-    if (centres.shape(0) != weights.shape(0)) throw nb::value_error("centres and weights differ in length");
-    return {static_cast<sono::Kernel>(kernel), centres.data(), weights.data(), centres.shape(0), affine.data()};
+    sono::require(centres.shape(0) == weights.shape(0), "centres and weights differ in length");
+    return {kernel_of(kernel), centres.data(), weights.data(), centres.shape(0), affine.data()};
 }
 
 template <class T>
-nb::ndarray<nb::numpy, T> sum_at_points(int kernel, Rows points, Rows centres, Rows weights, Affine affine) {
+nb::ndarray<nb::numpy, T> sum_at_points(int kernel, const Rows &points, const Rows &centres, const Rows &weights,
+                                        const Affine &affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<T, 2>({points.shape(0), 3});
     const Outside outside;
@@ -36,8 +41,8 @@ nb::ndarray<nb::numpy, T> sum_at_points(int kernel, Rows points, Rows centres, R
 
 template <class T>
 nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_t, 3> &shape,
-                                         const std::array<double, 3> &spacing, Rows centres, Rows weights,
-                                         Affine affine) {
+                                         const std::array<double, 3> &spacing, const Rows &centres, const Rows &weights,
+                                         const Affine &affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<T, 4>({shape[0], shape[1], shape[2], 3});
     const Outside outside;
@@ -45,8 +50,8 @@ nb::ndarray<nb::numpy, T> sum_on_lattice(int kernel, const std::array<std::size_
     return out;
 }
 
-nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows centres, Rows weights,
-                                                  Affine affine) {
+nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, const Rows &points, const Rows &centres,
+                                                  const Rows &weights, const Affine &affine) {
     const auto sum = kernel_sum(kernel, centres, weights, affine);
     auto out = new_array<double, 3>({points.shape(0), 3, 3});
     const Outside outside;
@@ -54,9 +59,9 @@ nb::ndarray<nb::numpy, double> gradient_at_points(int kernel, Rows points, Rows 
     return out;
 }
 
-nb::ndarray<nb::numpy, double> kelvinlet_sum(Rows points, Rows centres, Rows forces, double width,
+nb::ndarray<nb::numpy, double> kelvinlet_sum(const Rows &points, const Rows &centres, const Rows &forces, double width,
                                              double poissons_ratio) {
-    if (centres.shape(0) != forces.shape(0)) throw nb::value_error("centres and forces differ in number");
+    sono::require(centres.shape(0) == forces.shape(0), "centres and forces differ in length");
     auto out = new_array<double, 2>({points.shape(0), 3});
     const double a = 1 / (4 * std::acos(-1.0)), b = a / (4 * (1 - poissons_ratio));
     const sono::Kelvinlet kernel{a - b, 0.5 * a * width * width, b, width * width};
@@ -66,11 +71,11 @@ nb::ndarray<nb::numpy, double> kelvinlet_sum(Rows points, Rows centres, Rows for
     return out;
 }
 
-nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, Rows points, Rows centres) {
+nb::ndarray<nb::numpy, double> kernel_matrix(int kernel, const Rows &points, const Rows &centres) {
+    const sono::Kernel radial = kernel_of(kernel);
     auto out = new_array<double, 2>({points.shape(0), centres.shape(0)});
     const Outside outside;
-    sono::kernel_matrix(static_cast<sono::Kernel>(kernel), points.data(), points.shape(0), centres.data(),
-                        centres.shape(0), out.data());
+    sono::kernel_matrix(radial, points.data(), points.shape(0), centres.data(), centres.shape(0), out.data());
     return out;
 }
 

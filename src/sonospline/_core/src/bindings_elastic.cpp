@@ -15,41 +15,43 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using sono::require;
 
 namespace {
 
-using Cells = nb::ndarray<const float, nb::shape<-1, -1, -1>, nb::c_contig, nb::device::cpu>;
-using Nodes = nb::ndarray<const float, nb::shape<3, -1, -1, -1>, nb::c_contig, nb::device::cpu>;
-using Square = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
-using Values = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Vector3 = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
+using Cells = Array<float, -1, -1, -1>;
+using Nodes = Array<float, 3, -1, -1, -1>;
+using Square = Array<float, -1, -1>;
+using Values = Array<double, -1>;
+using Vector3 = Array<double, 3>;
 using NewNodes = nb::ndarray<nb::numpy, float>;
 
 void make(sono::ElasticMultigrid *self, const std::vector<std::tuple<std::array<double, 3>, Cells, Cells>> &levels,
-          const std::array<bool, 6> &pinned, bool full, int degree, Square coarse_inverse) {
+          const std::array<bool, 6> &pinned, bool full, int degree, const Square &coarse_inverse) {
     std::vector<sono::ElasticLevelData> data;
     for (const auto &[spacing, lame, shear] : levels) {
-        std::array<std::size_t, 3> cells;
-        for (std::size_t a = 0; a < 3; ++a) {
-            cells[a] = lame.shape(a);
-            if (shear.shape(a) != cells[a]) throw nb::value_error("lame and shear differ in shape");
-        }
-        data.push_back({cells, spacing, lame.data(), shear.data()});
+        require(lattice_of(lame) == lattice_of(shear), "lame and shear differ in shape");
+        require(sono::numbered(lattice_of(lame), 1), "lame has no cell along an axis, or too many");
+        sono::require_spacing(spacing);
+        data.push_back({lattice_of(lame), spacing, lame.data(), shear.data()});
     }
+    require(coarse_inverse.shape(0) == coarse_inverse.shape(1), "coarse_inverse is not square");
+    const Outside outside;
     new (self) sono::ElasticMultigrid(data, pinned, full, degree, coarse_inverse.data(), coarse_inverse.shape(0));
 }
 
 void check(const sono::ElasticMultigrid &solver, const Nodes &values) {
     for (std::size_t a = 0; a < 3; ++a)
-        if (values.shape(a + 1) != solver.shape()[a]) throw nb::value_error("values are not of the solver's shape");
+        require(values.shape(a + 1) == solver.shape()[a], "values are not of the solver's shape");
 }
 
 NewNodes like(const Nodes &values) {
     return new_array<float, 4>({3, values.shape(1), values.shape(2), values.shape(3)});
 }
 
-auto iterate(sono::ElasticMultigrid &solver, Nodes load, Nodes start, int iterations, bool estimate) {
+auto iterate(sono::ElasticMultigrid &solver, const Nodes &load, const Nodes &start, int iterations, bool estimate) {
     check(solver, load), check(solver, start);
+    require(iterations >= 0 && iterations <= 10'000, "iterations is not between 0 and 10000");
     NewNodes out = like(start);
     sono::ElasticOutcome outcome;
     {
@@ -60,7 +62,7 @@ auto iterate(sono::ElasticMultigrid &solver, Nodes load, Nodes start, int iterat
     return std::tuple(out, outcome.errors, outcome.sound);
 }
 
-NewNodes product(sono::ElasticMultigrid &solver, Nodes values) {
+NewNodes product(sono::ElasticMultigrid &solver, const Nodes &values) {
     check(solver, values);
     NewNodes out = like(values);
     const Outside outside;
@@ -68,9 +70,13 @@ NewNodes product(sono::ElasticMultigrid &solver, Nodes values) {
     return out;
 }
 
-NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, Vector3 origin,
-                   Vector3 direction, Values places, Values changes, double depth, double tip, double width) {
-    if (places.size() != changes.size()) throw nb::value_error("places and changes differ in length");
+NewNodes line_load(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, const Vector3 &origin,
+                   const Vector3 &direction, const Values &places, const Values &changes, double depth, double tip,
+                   double width) {
+    require(sono::numbered(shape, 1), "shape has no node along an axis, or too many");
+    sono::require_spacing(spacing);
+    require(places.size() == changes.size(), "places and changes differ in length");
+    require(std::isfinite(width) && width > 0, "width is not a length above 0");
     NewNodes out = new_array<float, 4>({3, shape[0], shape[1], shape[2]});
     const auto vector = [](const Vector3 &v) { return std::array<double, 3>{v(0), v(1), v(2)}; };
     const sono::AxialForce force{vector(origin), vector(direction), places.data(), changes.data(), places.size(),

@@ -12,18 +12,28 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using sono::require;
 
 namespace {
 
-template <class T, class Shape> using Array = nb::ndarray<const T, Shape, nb::c_contig, nb::device::cpu>;
-using Values = Array<float, nb::shape<-1, -1, -1, 3>>;
+using Values = Array<float, -1, -1, -1, 3>;
+using Voxels = Array<float, -1, -1, -1>;
+using Seen = Array<std::uint8_t, -1, -1, -1>;
 
-auto reslice(Values values, const std::array<double, 3> &spacing, Array<double, nb::shape<3, 3>> pixel,
-             Array<float, nb::shape<-1, -1, -1>> voxels, std::optional<Array<std::uint8_t, nb::shape<-1, -1, -1>>> seen,
-             Array<double, nb::shape<3, 4>> index, const std::array<std::size_t, 2> &shape, double tolerance,
-             int most) {
-    const sono::LatticeField field{values.data(), {values.shape(0), values.shape(1), values.shape(2)}, spacing};
-    const sono::VoxelImage image{voxels.data(), seen ? seen->data() : nullptr, {voxels.shape(0), voxels.shape(1), voxels.shape(2)}};
+auto reslice(const Values &values, const std::array<double, 3> &spacing, const Array<double, 3, 3> &pixel,
+             const Voxels &voxels, const std::optional<Seen> &seen, const Array<double, 3, 4> &index,
+             const std::array<std::size_t, 2> &shape, double tolerance, int most) {
+    require(sono::numbered(lattice_of(values), 2), "values has fewer than 2 nodes along an axis, or too many");
+    sono::require_spacing(spacing);
+    const auto image_shape = lattice_of(voxels);
+    require(*std::min_element(image_shape.begin(), image_shape.end()) >= 1 &&
+                *std::max_element(image_shape.begin(), image_shape.end()) <= sono::kMostAlongAxis,
+            "voxels is empty, or has too long an axis");
+    require(!seen || lattice_of(*seen) == image_shape, "seen is not of the shape of voxels");
+    require(std::max(shape[0], shape[1]) <= sono::kMostAlongAxis, "shape has too long a side");
+    require(most >= 0 && most <= 10'000, "most is not between 0 and 10000");
+    const sono::LatticeField field{values.data(), lattice_of(values), spacing, 1};
+    const sono::VoxelImage image{voxels.data(), seen ? seen->data() : nullptr, image_shape};
     sono::PixelPlane plane;
     std::copy_n(pixel.data(), 9, plane.pixel);
     std::copy_n(index.data(), 12, plane.index);

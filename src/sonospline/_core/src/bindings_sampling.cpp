@@ -10,20 +10,24 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using sono::require;
 
 namespace {
 
-using Values = nb::ndarray<const float, nb::shape<-1, -1, -1, 3>, nb::c_contig, nb::device::cpu>;
+using Values = Array<float, -1, -1, -1, 3>;
+using Weights = Array<float, -1, -1>;
+using Planes = Array<float, 3, -1, -1, -1>;
 
 sono::LatticeField lattice_field(const Values &values, const std::array<double, 3> &spacing, int order) {
-    if (order != 1 && order != 3) throw nb::value_error("order is neither 1 nor 3");
-    for (std::size_t a = 0; a < 3; ++a)
-        if (values.shape(a) < (order == 3 ? 4u : 2u)) throw nb::value_error("values has too few nodes along an axis");
-    return {values.data(), {values.shape(0), values.shape(1), values.shape(2)}, spacing, order};
+    require(order == 1 || order == 3, "order is neither 1 nor 3");
+    for (const std::size_t n : lattice_of(values))
+        require(n >= (order == 3 ? 4u : 2u), "values has fewer nodes along an axis than its order takes: 2, or 4");
+    sono::require_spacing(spacing);
+    return {values.data(), lattice_of(values), spacing, order};
 }
 
-nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<double, 3> &spacing, Rows points,
-                                              int order) {
+nb::ndarray<nb::numpy, double> sample_lattice(const Values &values, const std::array<double, 3> &spacing,
+                                              const Rows &points, int order) {
     const auto field = lattice_field(values, spacing, order);
     auto out = new_array<double, 2>({points.shape(0), 3});
     const Outside outside;
@@ -31,8 +35,8 @@ nb::ndarray<nb::numpy, double> sample_lattice(Values values, const std::array<do
     return out;
 }
 
-nb::ndarray<nb::numpy, double> gradient_lattice(Values coefficients, const std::array<double, 3> &spacing,
-                                                Rows points) {
+nb::ndarray<nb::numpy, double> gradient_lattice(const Values &coefficients, const std::array<double, 3> &spacing,
+                                                const Rows &points) {
     const auto field = lattice_field(coefficients, spacing, 3);
     auto out = new_array<double, 3>({points.shape(0), 3, 3});
     const Outside outside;
@@ -40,9 +44,10 @@ nb::ndarray<nb::numpy, double> gradient_lattice(Values coefficients, const std::
     return out;
 }
 
-auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows points, double tolerance, int most,
-                    int order) {
+auto invert_lattice(const Values &values, const std::array<double, 3> &spacing, const Rows &points, double tolerance,
+                    int most, int order) {
     const auto field = lattice_field(values, spacing, order);
+    require(most >= 0 && most <= 1'000'000, "most is not between 0 and 1000000");
     auto out = new_array<double, 2>({points.shape(0), 3});
     auto iterations = new_array<std::int32_t, 1>({points.shape(0)});
     {
@@ -52,18 +57,17 @@ auto invert_lattice(Values values, const std::array<double, 3> &spacing, Rows po
     return std::pair(out, iterations);
 }
 
-using Weights = nb::ndarray<const float, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
-using Planes = nb::ndarray<const float, nb::shape<3, -1, -1, -1>, nb::c_contig, nb::device::cpu>;
-
 sono::AxisWeights axis_weights(const Weights &weights) {
     return {weights.data(), weights.shape(0), weights.shape(1)};
 }
 
-nb::ndarray<nb::numpy, float> resample_lattice(Planes values, Weights x, Weights y, Weights z_transposed) {
-    if (x.shape(1) != values.shape(1) + 2 || y.shape(1) != values.shape(2) + 2 ||
-        z_transposed.shape(0) != values.shape(3))
-        throw nb::value_error("the weights do not fit the values");
-    if (values.shape(1) < 4 || values.shape(2) < 4) throw nb::value_error("fewer than 4 nodes along x or y");
+nb::ndarray<nb::numpy, float> resample_lattice(const Planes &values, const Weights &x, const Weights &y,
+                                               const Weights &z_transposed) {
+    require(values.shape(1) >= 4 && values.shape(2) >= 4 && values.shape(3) >= 1,
+            "values has fewer than 4 nodes along x or y, or none along z");
+    require(x.shape(1) == values.shape(1) + 2 && y.shape(1) == values.shape(2) + 2 &&
+                z_transposed.shape(0) == values.shape(3),
+            "x, y or z_transposed has not the columns that values takes");
     const sono::Resampling weights{axis_weights(x), axis_weights(y), z_transposed.data(), z_transposed.shape(0),
                                    z_transposed.shape(1)};
     auto out = new_array<float, 4>({x.shape(0), y.shape(0), z_transposed.shape(1), 3});

@@ -14,17 +14,17 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using sono::require;
 
 namespace {
 
-template <class T, class Shape> using Array = nb::ndarray<const T, Shape, nb::c_contig, nb::device::cpu>;
-using Labels = Array<std::uint8_t, nb::shape<-1, -1, -1>>;
-using PerLabel = Array<double, nb::shape<256>>;
-using Steps = Array<double, nb::shape<256, 3>>;
-using Volume = Array<float, nb::shape<-1, -1, -1>>;
-using Places = Array<float, nb::shape<-1, 3, -1>>;
-using Table = Array<float, nb::shape<-1, -1>>;
-using Affine34 = Array<double, nb::shape<3, 4>>;
+using Labels = Array<std::uint8_t, -1, -1, -1>;
+using PerLabel = Array<double, 256>;
+using Steps = Array<double, 256, 3>;
+using Volume = Array<float, -1, -1, -1>;
+using Places = Array<float, -1, 3, -1>;
+using Table = Array<float, -1, -1>;
+using Affine34 = Array<double, 3, 4>;
 
 sono::Affine34 affine(const Affine34 &m) {
     sono::Affine34 out;
@@ -32,12 +32,12 @@ sono::Affine34 affine(const Affine34 &m) {
     return out;
 }
 
-// Holds the arrays that the scene points into.
+// Holds the arrays that the scene points into. They are its own from then on. Threads may share one.
 class EchoScene {
   public:
-    EchoScene(Labels labels, const std::array<double, 3> &spacing, PerLabel impedance, PerLabel level_db, PerLabel texture_db,
-              Steps texture_step, Volume texture, Places places, Table signs, const std::array<double, 7> &interfaces,
-              double no_echo)
+    EchoScene(const Labels &labels, const std::array<double, 3> &spacing, const PerLabel &impedance,
+              const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
+              const Places &places, const Table &signs, const std::array<double, 7> &interfaces, double no_echo)
         : labels_(labels), impedance_(impedance), level_(level_db), texture_db_(texture_db), step_(texture_step),
           texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
 
@@ -62,10 +62,9 @@ class EchoScene {
 
     void prepare() { scene_.prepare(); }
 
-    auto choose(const std::array<double, sono::kViewNumbers> &probe, Affine34 to_image, Affine34 to_cell,
-                Affine34 cell_to_image, const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
-                Array<double, nb::shape<-1>> power, std::uint64_t seed) {
-        if (power.shape(0) < 2) throw nb::value_error("power is too short");
+    auto choose(const std::array<double, sono::kViewNumbers> &probe, const Affine34 &to_image, const Affine34 &to_cell,
+                const Affine34 &cell_to_image, const std::array<std::size_t, 3> &shape,
+                const std::array<double, 3> &spacing, const Array<double, -1> &power, std::uint64_t seed) {
         sono::View view{{},    affine(to_image), affine(to_cell),  affine(cell_to_image), shape, spacing,
                         power.data(), power.shape(0), seed};
         std::memcpy(&view.probe, probe.data(), sizeof view.probe);
@@ -82,8 +81,10 @@ class EchoScene {
         {
             const Outside outside;
             choice.write(place.data(), amplitude.data(), stride);
-            std::memcpy(frames.data(), choice.frames.data(), cells * sizeof(sono::CellFrame));
-            std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
+            if (cells) {  // of nothing there is no address
+                std::memcpy(frames.data(), choice.frames.data(), cells * sizeof(sono::CellFrame));
+                std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
+            }
             std::copy(choice.starts.begin(), choice.starts.end(), starts.data());
         }
         const float amplitude_step = choice.amplitude_step;
@@ -94,17 +95,21 @@ class EchoScene {
   private:
     sono::EchoTables tables(const std::array<double, 3> &spacing) const {
         const std::size_t side = texture_.shape(0), patterns = places_.shape(0);
-        if (side < 2 || texture_.shape(1) != side || texture_.shape(2) != side)
-            throw nb::value_error("texture is no cube");
-        if (patterns == 0 || (patterns & (patterns - 1)) || signs_.shape(0) != patterns ||
-            signs_.shape(1) != places_.shape(2))
-            throw nb::value_error("places and signs differ in length, or are no power of two");
-        if (signs_.shape(1) > sono::kMostInBrick) throw nb::value_error("signs is too long");
-        return {{labels_.data(), {labels_.shape(0), labels_.shape(1), labels_.shape(2)}, spacing},
+        const auto shape = lattice_of(labels_);
+        require(*std::max_element(shape.begin(), shape.end()) <= sono::kMostAlongAxis, "labels has too long an axis");
+        sono::require_spacing(spacing);
+        require(side >= 2 && lattice_of(texture_) == std::array{side, side, side}, "texture is no cube of 2 or more");
+        require(patterns > 0 && (patterns & (patterns - 1)) == 0 && signs_.shape(0) == patterns &&
+                    signs_.shape(1) == places_.shape(2),
+                "places and signs differ in length, or are no power of two");
+        require(signs_.shape(1) <= sono::kMostInBrick, "signs has more than 512 columns");
+        return {{labels_.data(), shape, spacing},
                 impedance_.data(), level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
                 places_.data(), signs_.data(), patterns, places_.shape(2)};
     }
     static sono::InterfaceNumbers numbers(const std::array<double, 7> &n) {
+        require(sono::all_finite(n) && n[0] > 0 && n[0] <= 64 && n[3] >= 0,
+                "interfaces is not finite, or smoothing not between 0 and 64 voxels, or points_per_mm2 below 0");
         return {n[0], n[1], n[2], n[3], n[4], n[5], n[6]};
     }
 
@@ -121,7 +126,8 @@ class EchoScene {
 
 void bind_scatterers(nb::module_ &m) {
     nb::class_<EchoScene>(m, "EchoScene")
-        .def(nb::init<Labels, const std::array<double, 3> &, PerLabel, PerLabel, PerLabel, Steps, Volume, Places, Table,
+        .def(nb::init<const Labels &, const std::array<double, 3> &, const PerLabel &, const PerLabel &,
+                      const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
                       const std::array<double, 7> &, double>(),
              "labels"_a, "spacing"_a, "impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)

@@ -5,6 +5,7 @@
 
 #include "kernels.hpp"
 #include "phases.hpp"
+#include "require.hpp"
 #include "trilinear4.hpp"
 
 namespace sono {
@@ -139,7 +140,7 @@ void BmodeRenderer::gain_of(const FrameInput &in, int line, float *gain) const {
     const float begins = in.shadow[line], shaded = in.shadow[probe_.beam.lines + line];
     if (shaded >= 1) return;
     const float sample_mm = probe_.beam.depth_mm / static_cast<float>(samples), softness = 1 / in.shadow_soft_mm;
-    for (int n = std::max(0, static_cast<int>(begins / sample_mm)); n < samples; ++n) {
+    for (int n = whole_within<int>(begins / sample_mm, 0.0f, static_cast<float>(samples)); n < samples; ++n) {
         const float behind = std::min(std::max((static_cast<float>(n) * sample_mm - begins) * softness, 0.0f), 1.0f);
         const float left = 1 - (1 - shaded) * behind;
         gain[2 * n] *= left, gain[2 * n + 1] *= left;

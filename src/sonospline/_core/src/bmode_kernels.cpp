@@ -127,7 +127,7 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
             out[3] = std::max(-left, right) < kNarrow;
         }
         const float from = frame.line + left * beam.lines_per_step - 1, to = frame.line + right * beam.lines_per_step + 1;
-        if (to < -1 || from > static_cast<float>(beam.lines)) continue;
+        if (!(to >= -1 && from <= static_cast<float>(beam.lines))) continue;  // also where they are no numbers
         spans[cell] = {static_cast<std::int16_t>(std::max(from, -1.0f)),
                        static_cast<std::int16_t>(std::min(to, static_cast<float>(beam.lines)))};
     }

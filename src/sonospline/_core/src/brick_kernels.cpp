@@ -58,9 +58,10 @@ void assign(const BeamScope &b, const Lattices &lattices, std::uint64_t key, con
         const double *m = lattices.to_cell + 4 * a;
         for (std::size_t i = 0; i < count; ++i) {
             const double index = m[0] * local[0][i] + m[1] * local[1][i] + m[2] * local[2][i] + m[3];
-            const double whole = std::floor(index);
+            // beyond any lattice, or no number: a cell that is none, and any place in it
+            const double whole = std::min(std::max(-kFarCell, std::floor(index)), kFarCell);
             cell[a][i] = static_cast<std::int32_t>(whole);
-            place[a][i] = static_cast<std::int32_t>(std::min((index - whole) * 65536, 65535.0));
+            place[a][i] = static_cast<std::int32_t>(std::max(0.0, std::min(65535.0, (index - whole) * 65536)));
         }
     }
 }

@@ -8,6 +8,7 @@
 namespace sono {
 
 constexpr std::size_t kMostInBrick = 512;
+constexpr double kFarCell = 1e6;  // further from the first cell than a lattice may reach
 
 /// What a place in the image frame means to a probe.
 struct BeamScope {

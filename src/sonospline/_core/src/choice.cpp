@@ -3,12 +3,14 @@
 #include <cmath>
 
 #include "parallel.hpp"
+#include "require.hpp"
 #include "scatterers.hpp"
 
 namespace sono {
 namespace {
 
 constexpr double kFullAmplitude = 32000;
+constexpr double kFarStrip = 1e6;
 constexpr int kTileSide = 8;                     // cells a side of the table that counts scatterers
 constexpr std::int32_t kTileCells = kTileSide * kTileSide * kTileSide;
 
@@ -23,25 +25,30 @@ void Choice::Unit::add(const std::array<std::int32_t, 3> &cell, const std::array
         echo.place[a] = static_cast<std::uint16_t>(place[a]);
     }
     echo.amplitude = static_cast<float>(amplitude);
-    echoes.push_back(echo);
+    if (std::isfinite(echo.amplitude)) echoes.push_back(echo);
 }
 
 void Choice::sort(std::vector<Unit> &&units, const View &view) {
     units_ = std::move(units);
     int low[3] = {INT16_MAX, INT16_MAX, INT16_MAX}, high[3] = {INT16_MIN, INT16_MIN, INT16_MIN};
     float largest = 1e-12f;
-    for (const Unit &unit : units_)
+    std::size_t found = 0;
+    for (const Unit &unit : units_) {
+        found += unit.echoes.size();
         for (const Echo &echo : unit.echoes) {
             for (int a = 0; a < 3; ++a)
                 low[a] = std::min<int>(low[a], echo.cell[a]), high[a] = std::max<int>(high[a], echo.cell[a]);
             largest = std::max(largest, std::fabs(echo.amplitude));
         }
+    }
     amplitude_step = static_cast<float>(largest / kFullAmplitude);
     starts = {0};
     if (low[0] > high[0]) return;
+    require(found <= kMostNodes, "the view hears more scatterers than can be numbered");
     // a table of tiles, and of cells in those that hold any: a fine lattice would fill memory with empty cells
     std::size_t tiles[3];
     for (int a = 0; a < 3; ++a) tiles[a] = static_cast<std::size_t>((high[a] - low[a]) / kTileSide + 1);
+    require(tiles[0] * tiles[1] * tiles[2] <= kMostNodes, "the lattice is too fine for the scene");
     std::vector<std::int32_t> tile_of(tiles[0] * tiles[1] * tiles[2], -1), counts, tile_number;
     for (Unit &unit : units_)
         for (Echo &echo : unit.echoes) {
@@ -50,6 +57,7 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
                                    static_cast<std::size_t>(z / kTileSide);
             std::int32_t &tile = tile_of[at];
             if (tile < 0) {
+                require(counts.size() <= kMostNodes - kTileCells, "the lattice is too fine for the scene");
                 tile = static_cast<std::int32_t>(counts.size());
                 counts.resize(counts.size() + kTileCells);
                 tile_number.push_back(static_cast<std::int32_t>(at));
@@ -104,7 +112,7 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
             frame.cycles = static_cast<float>(cycles - std::nearbyint(cycles));
             frame.reach = static_cast<float>(range + p.apex_mm), frame.elevation = static_cast<float>(at[2]);
             frame.unused[0] = frame.unused[1] = 0;
-            cells[i].strip = static_cast<int>(std::floor(line / kStripLines));
+            cells[i].strip = whole_within<int>(std::floor(line / kStripLines), -kFarStrip, kFarStrip);
             cells[i].range = frame.range;
         }
     });

@@ -7,6 +7,7 @@
 #include "cholesky_kernels.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
+#include "require.hpp"
 
 namespace sono {
 namespace {
@@ -30,7 +31,13 @@ template <class Body> void over_row_blocks(std::size_t begin, std::size_t end, s
 }  // namespace
 
 void CholeskyFactor::reserve(std::size_t rows) {
+    const std::lock_guard<std::mutex> lock(in_use_);
+    grow(rows);
+}
+
+void CholeskyFactor::grow(std::size_t rows) {
     if (rows <= stride_) return;
+    if (rows > kMostNodes) throw std::bad_array_new_length();
     const std::size_t stride = (rows + 15) / 16 * 16 + 8;  // no power of two: cache sets
     Buffer<double> data(stride * stride);
     for (std::size_t i = 0; i < size_; ++i) std::copy_n(row(i), i + 1, data.data() + i * stride);
@@ -38,9 +45,11 @@ void CholeskyFactor::reserve(std::size_t rows) {
     stride_ = stride;
 }
 
-bool CholeskyFactor::append(const double *rows, std::size_t m, double smallest_pivot) {
-    const std::size_t begin = size_, end = size_ + m;
-    if (end > stride_) reserve(std::max(end, stride_ + stride_ / 2));
+bool CholeskyFactor::append(const double *rows, std::size_t m, std::size_t columns, double smallest_pivot) {
+    const std::lock_guard<std::mutex> lock(in_use_);
+    const std::size_t begin = size_, end = begin + m;
+    require(columns == end, "rows is not (m, size + m)");
+    if (end > stride_) grow(std::max(end, stride_ + stride_ / 2));
     for (std::size_t i = begin; i < end; ++i) std::copy_n(rows + (i - begin) * end, i + 1, row(i));
     // Against the old rows the new ones are independent of one another ...
     over_row_blocks(begin, end, m * begin * begin / 2, [&](std::size_t first, std::size_t last) {
@@ -49,10 +58,10 @@ bool CholeskyFactor::append(const double *rows, std::size_t m, double smallest_p
     });
     // ... and among themselves they go panel by panel.
     for (std::size_t from = begin; from < end; from += kPanel) {
-        const std::size_t columns = std::min(kPanel, end - from), below = from + columns;
-        if (!factor_corner(from, columns, smallest_pivot)) return false;
-        over_row_blocks(below, end, (end - below) * columns * from,
-                        [&](std::size_t first, std::size_t last) { eliminate(first, last, from, columns); });
+        const std::size_t width = std::min(kPanel, end - from), below = from + width;
+        if (!factor_corner(from, width, smallest_pivot)) return false;
+        over_row_blocks(below, end, (end - below) * width * from,
+                        [&](std::size_t first, std::size_t last) { eliminate(first, last, from, width); });
     }
     size_ = end;
     return true;
@@ -82,8 +91,9 @@ bool CholeskyFactor::factor_corner(std::size_t from, std::size_t columns, double
 }
 
 void CholeskyFactor::truncate(std::size_t size) {
-    size_ = std::min(size, size_);
-    known_ = std::min(known_, size_);
+    const std::lock_guard<std::mutex> lock(in_use_);
+    size_ = std::min(size, size_.load());
+    known_ = std::min(known_, size_.load());
 }
 
 // Rows from the start on, whole groups of them, where b is what it was.
@@ -98,9 +108,12 @@ std::size_t CholeskyFactor::unchanged(const double *b, std::size_t n, std::size_
 }
 
 void CholeskyFactor::solve(double *x, std::size_t n, std::size_t first) {
-    const std::lock_guard<std::mutex> lock(solving_);
+    const std::lock_guard<std::mutex> lock(in_use_);
+    require(n <= size_, "x is not (3, size) or shorter");
+    require(first <= n, "first is beyond the rows of x");
     const CholeskyKernels &inner = *kernels().cholesky;
     const std::size_t begin = unchanged(x, n, first);
+    known_ = 0;  // until all of what follows is done
     for (std::size_t a = 0; a < 3; ++a) {
         right_[a].assign(x + a * n, x + (a + 1) * n);
         half_[a].resize(n);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <mutex>
 #include <vector>
@@ -11,14 +12,16 @@
 
 namespace sono {
 
+/// Threads may share one: each call has it alone. What a thread does not know, another may have changed between two
+/// calls.
 class CholeskyFactor {
   public:
-    std::size_t size() const { return size_; }
+    std::size_t size() const { return size_.load(); }
 
-    /// Appends m rows of a positive definite matrix, given as (m, size + m); only the part up
-    /// to the diagonal is read. Returns false, and leaves the factor as it was, where a pivot
-    /// is at or below `smallest_pivot`.
-    bool append(const double *rows, std::size_t m, double smallest_pivot);
+    /// Appends m rows of a positive definite matrix, given as (m, columns), with as many columns as
+    /// rows there will be; only the part up to the diagonal is read. Returns false, and leaves the
+    /// factor as it was, where a pivot is at or below `smallest_pivot`.
+    bool append(const double *rows, std::size_t m, std::size_t columns, double smallest_pivot);
 
     /// Drops all rows from `size` on.
     void truncate(std::size_t size);
@@ -31,6 +34,7 @@ class CholeskyFactor {
     void reserve(std::size_t rows);
 
   private:
+    void grow(std::size_t rows);
     void eliminate(std::size_t first, std::size_t last, std::size_t from, std::size_t columns);
     bool factor_corner(std::size_t from, std::size_t columns, double smallest_pivot);
     std::size_t unchanged(const double *b, std::size_t n, std::size_t first) const;
@@ -38,9 +42,9 @@ class CholeskyFactor {
 
     Buffer<double> data_;
     std::size_t stride_ = 0;
-    std::size_t size_ = 0;
+    std::atomic<std::size_t> size_{0};
 
-    std::mutex solving_;
+    std::mutex in_use_;
     std::array<std::vector<double>, 3> right_, half_;  // b and L^-1 b of the last solve
     std::size_t known_ = 0, first_ = 0;                // rows of them that still hold, and where b begins
 };

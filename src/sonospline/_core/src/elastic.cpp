@@ -7,12 +7,13 @@
 #include "kernels.hpp"
 #include "parallel.hpp"
 #include "phases.hpp"
+#include "require.hpp"
 #include "row_kernels.hpp"
 
 namespace sono {
 namespace {
 
-constexpr int kCoarsestSteps = 30;
+constexpr int kCoarsestSteps = 30, kHighestDegree = 100;
 
 const RowKernels &inner() { return *kernels().rows; }
 
@@ -66,6 +67,8 @@ class ElasticMultigrid::Program {
 ElasticMultigrid::ElasticMultigrid(const std::vector<ElasticLevelData> &levels, const std::array<bool, 6> &pinned,
                                    bool full, int degree, const float *coarse_inverse, std::size_t coarse_size)
     : degree_(degree), coarse_inverse_(coarse_inverse, coarse_inverse + coarse_size * coarse_size) {
+    require(!levels.empty(), "levels is empty");
+    require(degree >= 1 && degree <= kHighestDegree, "degree is not between 1 and 100");
     for (const ElasticLevelData &data : levels) {
         levels_.push_back(std::make_unique<ElasticLevel>(data, pinned, full));
         if (levels_.size() > 1) levels_[levels_.size() - 2]->join(*levels_.back());
@@ -78,6 +81,8 @@ ElasticMultigrid::ElasticMultigrid(const std::vector<ElasticLevelData> &levels, 
         for (std::size_t j = 0; j < n[1]; ++j)
             for (std::size_t k = 0; k < n[2]; ++k)
                 if (last.free(i, j, k)) coarse_places_.push_back(static_cast<std::size_t>(last.place(i, j, k)));
+    require(coarse_size == 0 || coarse_size == 3 * coarse_places_.size(),
+            "coarse_inverse is neither empty nor over the free unknowns of the last level");
     const ElasticLevel &first = *levels_.front();
     u_ = first.make_fields(), b_ = first.make_fields(), residual_ = first.make_fields();
     direction_ = first.make_fields(), product_ = first.make_fields();

@@ -25,7 +25,7 @@ class ElasticMultigrid {
   public:
     /// The finest level first; `pinned` says which faces do not move (x-, x+, y-, y+, z-, z+);
     /// coarse_inverse is dense, over the three components of the free nodes of the last level in turn,
-    /// or empty: then that level is smoothed many times.
+    /// or empty: then that level is smoothed many times. Threads may share one: each call has it alone.
     ElasticMultigrid(const std::vector<ElasticLevelData> &levels, const std::array<bool, 6> &pinned, bool full,
                      int degree, const float *coarse_inverse, std::size_t coarse_size);
 

@@ -76,7 +76,7 @@ ElasticLevel::ElasticLevel(const ElasticLevelData &data, const std::array<bool, 
 
     const bool small = shape_[0] * shape_[1] * shape_[2] <= kAlone;
     const auto threads = static_cast<std::size_t>(thread_count());
-    slabs_ = small || threads == 1 ? 1 : std::min(2 * threads, shape_[0] / 4);
+    slabs_ = small || threads == 1 ? 1 : std::clamp<std::size_t>(shape_[0] / 4, 1, 2 * threads);
     tiles_ = small ? 1 : static_cast<std::size_t>((nodes + kTileNodes - 1) / kTileNodes);
     const auto tile = static_cast<std::ptrdiff_t>((shape_[1] + tiles_ - 1) / tiles_) * row;
     scratch_size_ = static_cast<std::size_t>(round_up(static_cast<std::ptrdiff_t>(elastic_scratch(tile, row))));

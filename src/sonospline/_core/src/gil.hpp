@@ -11,27 +11,32 @@
 
 #include "forks.hpp"
 
-/// Lets other Python threads run for as long as it lives.
+/// What `body` returns, which may wait for the interpreter's lock.
 ///
 /// Once the interpreter ends, Python up to 3.13 ends a daemon thread that wants the lock by pthread_exit, which glibc
 /// does by an exception that no destructor lets pass: the process aborts. Such a thread sleeps here until the process
 /// is gone, as Python 3.14 has it.
+template <class Body> auto while_python_lives(const Body &body) {
+#ifdef __GLIBCXX__
+    try {
+        return body();
+    } catch (abi::__forced_unwind &) {
+        for (;;) sleep(1000);  // to leave this block would abort, too
+    }
+#else
+    return body();
+#endif
+}
+
+/// Lets other Python threads run for as long as it lives.
 class WithoutGil {
   public:
     WithoutGil() : state_(PyEval_SaveThread()) {}
+    ~WithoutGil() {
+        while_python_lives([this] { PyEval_RestoreThread(state_); });
+    }
     WithoutGil(const WithoutGil &) = delete;
     WithoutGil &operator=(const WithoutGil &) = delete;
-#ifdef __GLIBCXX__
-    ~WithoutGil() {
-        try {
-            PyEval_RestoreThread(state_);
-        } catch (abi::__forced_unwind &) {
-            for (;;) sleep(1000);  // to leave this block would abort, too
-        }
-    }
-#else
-    ~WithoutGil() { PyEval_RestoreThread(state_); }
-#endif
 
   private:
     PyThreadState *const state_;

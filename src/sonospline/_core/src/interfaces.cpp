@@ -6,12 +6,14 @@
 #include "brick_kernels.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
+#include "require.hpp"
 
 namespace sono {
 namespace {
 
 constexpr int kSide = 32;       // voxels of a region: smoothed together
 constexpr int kBlockSide = 16;  // of a block of points
+constexpr double kMostCopies = 1e9;
 using Index = std::array<std::ptrdiff_t, 3>;
 
 // Weights at 0, 1, ... of a Gaussian cut off at four standard deviations.
@@ -240,7 +242,7 @@ double largest_face(const LabelMap &map) {
 }
 
 std::size_t interface_copies(const LabelMap &map, double points_per_mm2) {
-    return static_cast<std::size_t>(std::max(1.0, std::nearbyint(points_per_mm2 * largest_face(map))));
+    return whole_within<std::size_t>(std::nearbyint(points_per_mm2 * largest_face(map)), 1.0, kMostCopies);
 }
 
 Interfaces::Interfaces(const LabelMap &map, const double impedance[256], double smoothing, double smallest, double largest,

@@ -9,6 +9,7 @@
 #include "multilevel_coarse.hpp"
 #include "parallel.hpp"
 #include "phases.hpp"
+#include "require.hpp"
 
 namespace sono {
 namespace {
@@ -29,6 +30,9 @@ MultilevelPlan::MultilevelPlan(const std::array<std::size_t, 3> &shape, const st
     const auto offered = [](int order) { return order >= 4 && order <= kMaxOrder && order % 2 == 0; };
     if (orders.empty() || orders.size() > kMaxLevels || !std::all_of(orders.begin(), orders.end(), offered))
         throw std::invalid_argument("orders is not 1 to 3 of 4, 6, 8, 10 and 12");
+    require(numbered(shape, 1), "shape has no node along an axis, or too many");
+    require_spacing(spacing);
+    require(std::isfinite(tolerance) && tolerance > 0, "tolerance is not above 0");
     for (int a = 0; a < 3; ++a) ratio_[a] = spacing[a] / spacing[0];
     lattices_.push_back({{0, 0, 0}, {int(shape[0]), int(shape[1]), int(shape[2])}});
     for (int order : orders) lattices_.push_back(lattices_.back().coarser(order));
@@ -38,9 +42,14 @@ MultilevelPlan::MultilevelPlan(const std::array<std::size_t, 3> &shape, const st
         throw std::invalid_argument("spacing is too anisotropic, or tolerance too small, for a multilevel sum");
 }
 
+int MultilevelPlan::max_depth() const {
+    std::lock_guard<std::mutex> lock(in_use_);
+    return levels();
+}
+
 // Tables for `depth` levels; forgets the levels that have none.
 void MultilevelPlan::prepare(int depth) {
-    while (static_cast<int>(tables_.size()) < std::min(depth, max_depth())) {
+    while (static_cast<int>(tables_.size()) < std::min(depth, levels())) {
         const int level = static_cast<int>(tables_.size());
         LevelTables tables = LevelTables::build({level, orders_[level], ratio_, tolerance_ / spacing_[0]});
         if (tables.empty())
@@ -69,13 +78,15 @@ int MultilevelPlan::depth(std::size_t landmarks) {
 
 int MultilevelPlan::fastest_depth(std::size_t landmarks) {
     int best = 0;
-    for (int d = 1; d <= max_depth(); ++d)
+    for (int d = 1; d <= levels(); ++d)
         if (cost(d, landmarks) < cost(best, landmarks)) best = d;
     prepare(best);
-    return std::min(best, max_depth());
+    return std::min(best, levels());
 }
 
 double MultilevelPlan::error_per_weight(int depth) const {
+    std::lock_guard<std::mutex> lock(in_use_);
+    require(depth >= 0 && depth <= levels(), "depth is not between 0 and max_depth");
     double sum = 0, amplified = tolerance_;
     for (int level = 0; level < depth; ++level) {
         sum += amplified;
@@ -86,17 +97,21 @@ double MultilevelPlan::error_per_weight(int depth) const {
 
 // By counting, as x takes few values.
 SortedLandmarks MultilevelPlan::sort(const std::int64_t *index, const double *weights, std::size_t count) const {
+    std::vector<int> node(3 * count);
+    for (std::size_t i = 0; i < node.size(); ++i) {
+        require(index[i] >= 0 && index[i] < static_cast<std::int64_t>(shape_[i % 3]),
+                "centre_index has a node outside the lattice");
+        node[i] = static_cast<int>(index[i]);
+    }
     std::vector<std::size_t> next(shape_[0] + 1, 0);
-    for (std::size_t j = 0; j < count; ++j) ++next[index[3 * j] + 1];
+    for (std::size_t j = 0; j < count; ++j) ++next[static_cast<std::size_t>(node[3 * j]) + 1];
     std::partial_sum(next.begin(), next.end(), next.begin());
     SortedLandmarks sorted;
     for (auto *axis : {&sorted.x, &sorted.y, &sorted.z}) axis->resize(count);
     sorted.weights.assign(4 * count + kLanePad, 0.0f);  // read a vector at a time
     for (std::size_t j = 0; j < count; ++j) {
-        const std::size_t at = next[index[3 * j]]++;
-        sorted.x[at] = static_cast<int>(index[3 * j]);
-        sorted.y[at] = static_cast<int>(index[3 * j + 1]);
-        sorted.z[at] = static_cast<int>(index[3 * j + 2]);
+        const std::size_t at = next[static_cast<std::size_t>(node[3 * j])]++;
+        sorted.x[at] = node[3 * j], sorted.y[at] = node[3 * j + 1], sorted.z[at] = node[3 * j + 2];
         for (int c = 0; c < 3; ++c) sorted.weights[4 * at + c] = float(weights[3 * j + c] * spacing_[0]);
     }
     return sorted;
@@ -107,7 +122,7 @@ void MultilevelPlan::evaluate(const std::int64_t *index, const double *weights, 
     std::lock_guard<std::mutex> lock(in_use_);
     if (depth == 0) depth = std::max(fastest_depth(count), 1);
     prepare(depth);
-    if (depth < 1 || depth > max_depth()) throw std::invalid_argument("depth is not between 1 and max_depth");
+    require(depth >= 1 && depth <= levels(), "depth is not between 1 and max_depth");
     const int threads = cost(depth, count) < kWorthAThread ? 1 : thread_count();
     const SortedLandmarks landmarks = sort(index, weights, count);
 

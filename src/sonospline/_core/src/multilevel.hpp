@@ -18,21 +18,23 @@ namespace sono {
 
 class MultilevelPlan {
   public:
-    /// Throws std::invalid_argument where the spacing is too anisotropic for the tolerance.
+    /// Throws std::invalid_argument where the spacing is too anisotropic for the tolerance. Threads may share one: each
+    /// call has it alone.
     MultilevelPlan(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing, double tolerance,
                    const std::vector<int> &orders);
 
     const std::array<std::size_t, 3> &shape() const { return shape_; }
-    int max_depth() const { return static_cast<int>(orders_.size()); }
+    int max_depth() const;
     /// Levels that are fastest for so many landmarks; 0 where the direct sum is.
     int depth(std::size_t landmarks);
     /// Bound of the error over sum |w|, rounding aside.
     double error_per_weight(int depth) const;
-    /// out (nx, ny, nz, 3); index (n, 3) inside the lattice; depth 0 is the fastest, at least 1.
+    /// out (nx, ny, nz, 3); index (n, 3); depth 0 is the fastest, at least 1.
     void evaluate(const std::int64_t *index, const double *weights, std::size_t count, const double *affine,
                   int depth, float *out);
 
   private:
+    int levels() const { return static_cast<int>(orders_.size()); }
     double cost(int depth, std::size_t landmarks) const;
     int fastest_depth(std::size_t landmarks);
     void prepare(int depth);
@@ -45,7 +47,7 @@ class MultilevelPlan {
     std::vector<Lattice> lattices_;             // one more than orders_
     std::vector<LevelTables> tables_;           // built when a depth first needs them
     std::vector<std::vector<float>> values_;    // of lattices 1 and up
-    std::mutex in_use_;
+    mutable std::mutex in_use_;
 };
 
 }  // namespace sono

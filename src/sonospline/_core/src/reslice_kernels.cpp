@@ -14,7 +14,12 @@ class Voxels {
     explicit Voxels(const VoxelImage &image)
         : image_(image), row_(static_cast<std::ptrdiff_t>(image.shape[2])),
           plane_(row_ * static_cast<std::ptrdiff_t>(image.shape[1])) {
-        for (int a = 0; a < 3; ++a) last_[a] = static_cast<float>(image.shape[a] - 1);
+        // where an axis has one voxel, the next is that one again
+        const std::ptrdiff_t strides[3] = {plane_, row_, 1};
+        for (int a = 0; a < 3; ++a) {
+            last_[a] = static_cast<float>(image.shape[a] - 1);
+            next_[a] = image.shape[a] > 1 ? strides[a] : 0;
+        }
     }
 
     bool one(const float index[3], float &grey) const {
@@ -24,13 +29,13 @@ class Voxels {
         for (int a = 0; a < 3; ++a) {
             if (!(index[a] >= -0.5f && index[a] <= last_[a] + 0.5f)) return false;
             const float inside = std::min(std::max(index[a], 0.0f), last_[a]);
-            at[a] = std::min(static_cast<std::ptrdiff_t>(inside), static_cast<std::ptrdiff_t>(last_[a]) - 1);
+            at[a] = std::min(static_cast<std::ptrdiff_t>(inside), lowest_of_last(a));
             t[a] = inside - static_cast<float>(at[a]);
             nearest = nearest * image_.shape[a] + static_cast<std::size_t>(at[a] + (t[a] >= 0.5f));
         }
         if (image_.seen && !image_.seen[nearest]) return false;
         const float *corner = image_.grey + at[0] * plane_ + at[1] * row_ + at[2];
-        const float low = face(corner, t), high = face(corner + plane_, t);
+        const float low = face(corner, t), high = face(corner + next_[0], t);
         grey = low + t[0] * (high - low);
         return true;
     }
@@ -58,7 +63,7 @@ class Voxels {
             const VecF zero = splat(0.0f), end = splat(last_[a]);
             VecF held = at > 0.0f ? at : zero;
             held = held < last_[a] ? held : end;
-            const VecI most = VecI{} + (static_cast<std::int32_t>(last_[a]) - 1);
+            const VecI most = VecI{} + static_cast<std::int32_t>(lowest_of_last(a));
             low[a] = __builtin_convertvector(held, VecI);
             low[a] = low[a] < most ? low[a] : most;
             t[a] = held - __builtin_convertvector(low[a], VecF);
@@ -68,10 +73,10 @@ class Voxels {
         const VecI corner = (low[0] * plane + low[1] * row + low[2]) & inside;
         const auto along = [&](std::ptrdiff_t further) {
             const float *from = image_.grey + further;
-            const VecF a = gather(from, corner), b = gather(from + 1, corner);
+            const VecF a = gather(from, corner), b = gather(from + next_[2], corner);
             return a + t[2] * (b - a);
         };
-        const VecF a = along(0), b = along(row_), c = along(plane_), d = along(plane_ + row_);
+        const VecF a = along(0), b = along(next_[1]), c = along(next_[0]), d = along(next_[0] + next_[1]);
         const VecF near = a + t[1] * (b - a), far = c + t[1] * (d - c);
         const VecF value = near + t[0] * (far - near);
         if (image_.seen)
@@ -84,13 +89,18 @@ class Voxels {
 
   private:
     float face(const float *at, const float t[3]) const {
-        const float low = at[0] + t[2] * (at[1] - at[0]);
-        const float high = at[row_] + t[2] * (at[row_ + 1] - at[row_]);
+        const float *const beside = at + next_[1];
+        const float low = at[0] + t[2] * (at[next_[2]] - at[0]);
+        const float high = beside[0] + t[2] * (beside[next_[2]] - beside[0]);
         return low + t[1] * (high - low);
     }
 
+    // The first voxel of the last two along an axis.
+    std::ptrdiff_t lowest_of_last(int a) const { return std::max<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(last_[a]) - 1, 0); }
+
     const VoxelImage image_;
     const std::ptrdiff_t row_, plane_;
+    std::ptrdiff_t next_[3];
     float last_[3];
 };
 

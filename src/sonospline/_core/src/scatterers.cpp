@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 
 #include "brick_kernels.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
+#include "require.hpp"
 
 namespace sono {
 namespace {
@@ -17,10 +19,12 @@ constexpr std::size_t kRegionsAtOnce = 8;    // that are found while no view wai
 constexpr int kBrickBits = 6;                // of a hash that pick a pattern
 constexpr double kNeperPerDb = 0.11512925464970229;  // of amplitude
 
-// std::floor is a function call where the instruction set is the oldest.
-std::int64_t below(double x) {
-    const auto whole = static_cast<std::int64_t>(x);
-    return whole - (static_cast<double>(whole) > x);
+// std::floor is a function call where the instruction set is the oldest. What is further away than any place in a
+// scene, or no number, comes out as such a far place.
+double below(double x) {
+    constexpr double far = 1e15;
+    const auto whole = static_cast<double>(whole_within<std::int64_t>(x, -far, far));
+    return whole - (whole > x);
 }
 
 // splitmix64's finaliser over the three indices.
@@ -69,6 +73,18 @@ double volume_at(const BeamScope &b, double range) {
 
 }  // namespace
 
+void View::check() const {
+    std::array<double, kViewNumbers> numbers;
+    std::memcpy(numbers.data(), &probe, sizeof probe);
+    require(all_finite(numbers) && all_finite(to_image) && all_finite(to_cell) && all_finite(cell_to_image),
+            "probe or an affine map is not finite");
+    require(probe.brick_mm > 0 && probe.sample_mm > 0 && probe.line_step > 0,
+            "brick_mm, sample_mm or line_step of probe is not above 0");
+    require(numbered(shape, 1), "shape has no node along an axis, or too many");
+    require_spacing(spacing);
+    require(power_count >= 2, "power is shorter than 2");
+}
+
 // --- what is heard ---
 
 struct EchoScene::Bricks {
@@ -97,8 +113,10 @@ struct EchoScene::Bricks {
         for (int a = 0; a < 3; ++a) {
             const double half = map.spacing[a] / 2;
             const double end = (static_cast<double>(map.shape[a]) - 1) * map.spacing[a] + half;
-            first[a] = static_cast<std::ptrdiff_t>(std::floor(std::max(low[a], -half) / p.brick_mm));
-            count[a] = static_cast<std::ptrdiff_t>(std::ceil(std::min(high[a], end) / p.brick_mm)) - first[a];
+            const double from = std::floor(std::max(low[a], -half) / p.brick_mm);
+            const double to = std::ceil(std::min(high[a], end) / p.brick_mm);
+            require(std::max(std::fabs(from), std::fabs(to)) < kMostNodes, "brick_mm is too small for the scene");
+            first[a] = static_cast<std::ptrdiff_t>(from), count[a] = static_cast<std::ptrdiff_t>(to) - first[a];
         }
         if (*std::min_element(count, count + 3) <= 0) count[0] = 0;
     }
@@ -150,8 +168,8 @@ double EchoScene::texture(int label, const double place[3]) const {
     double t[3];
     for (int a = 0; a < 3; ++a) {
         const double index = place[a] * tables_.texture_step[3 * label + a];
-        const double at = std::max(index - side * static_cast<double>(below(index / side)), 0.0);
-        low[a] = std::min(static_cast<std::size_t>(at), tables_.texture_side - 1);
+        const double at = std::max(0.0, index - side * below(index / side));
+        low[a] = whole_within<std::size_t>(at, 0.0, side - 1);
         t[a] = at - static_cast<double>(low[a]);
         high[a] = low[a] + 1 == tables_.texture_side ? 0 : low[a] + 1;
     }
@@ -199,8 +217,7 @@ void EchoScene::volume(const View &view, const Bricks &bricks, std::size_t unit,
             const std::uint64_t key = hash_of(at, view.seed);
             const double wanted = brick.side * brick.side * brick.side / volume_at(scope, depth);
             const double chance = static_cast<double>(key >> 40) / 16777216.0;
-            brick.count = static_cast<std::size_t>(
-                std::min(std::floor(wanted + chance), static_cast<double>(tables_.longest)));
+            brick.count = whole_within<std::size_t>(wanted + chance, 0.0, static_cast<double>(tables_.longest));
             for (std::size_t a = 0; a < 3; ++a) {
                 const bool mirrored = key >> (kBrickBits + a) & 1;
                 brick.places[a] = tables_.places + (3 * (key & (tables_.patterns - 1)) + a) * tables_.longest;
@@ -261,14 +278,16 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
         std::array<std::int32_t, 3> cell, place;
         const Point index = mapped(view.to_cell, local);
         for (int a = 0; a < 3; ++a) {
-            cell[a] = static_cast<std::int32_t>(below(index[a]));
-            place[a] = static_cast<std::int32_t>(std::min((index[a] - cell[a]) * 65536, 65535.0));
+            const double whole = std::clamp(below(index[a]), -kFarCell, kFarCell);
+            cell[a] = static_cast<std::int32_t>(whole);
+            place[a] = whole_within<std::int32_t>((index[a] - whole) * 65536, 0.0, 65535.0);
         }
         out.add(cell, place, strength * std::sqrt(power));
     }
 }
 
 Choice EchoScene::choose(const View &view) {
+    view.check();
     const Bricks bricks(view, tables_.map);
     const std::vector<const InterfaceBlock *> near = surfaces(view);
     const std::size_t volumes = bricks.units();

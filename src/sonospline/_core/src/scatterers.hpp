@@ -62,6 +62,8 @@ struct View {
     const double *power;      // (power_count) of speckle, by sample
     std::size_t power_count;
     std::uint64_t seed;
+
+    void check() const;
 };
 
 /// Arrays of Cells (bmode_kernels.hpp) but the scatterers themselves, which `write` lays out.
@@ -95,6 +97,7 @@ class Choice {
     std::vector<std::int32_t> rank_;  // of each slot's cell
 };
 
+/// Threads may share one.
 class EchoScene {
   public:
     EchoScene(const EchoTables &, const InterfaceNumbers &, double no_echo);

@@ -1,0 +1,165 @@
+"""A sound call of each function and method of the core: what tests of its border spoil, one argument at a time."""
+
+from dataclasses import dataclass
+from inspect import signature
+from types import ModuleType
+
+import numpy as np
+
+from sonospline import Grid
+from sonospline._core import twin
+from sonospline.ultrasound import Probe, Scene, facing
+from sonospline.ultrasound.aim import aim
+from sonospline.ultrasound.optics import Optics, Scan, picture_plane
+from sonospline.volume import Volume
+
+SHAPE, SPACING = (6, 5, 7), (1.0, 1.5, 0.8)
+AFFINE = np.vstack([np.zeros(3), np.eye(3)])
+RNG = np.random.default_rng(31)
+
+
+def rows(count):
+    return RNG.random((count, 3)) * 4
+
+
+def singles(*shape):
+    return RNG.standard_normal(shape).astype(np.float32) / 10
+
+
+POINTS = {"points": rows(9)}
+SUM = {"kernel": 0, "centres": rows(5), "weights": rows(5), "affine": AFFINE}
+SAMPLED = {"values": singles(*SHAPE, 3), "spacing": SPACING, "points": rows(9)}
+PLAN = {"shape": (12, 9, 14), "spacing": (1.0, 1.0, 1.0), "tolerance": 3e-2, "orders": [4]}
+FACTOR = 3 * np.eye(6) + np.ones((6, 6))
+CELLS = ((4, 4, 4), (2, 2, 2))
+NODES = (3, 5, 5, 5)
+MULTIGRID = {
+    "levels": [((4 / n[0],) * 3, np.full(n, 5, np.float32), np.ones(n, np.float32)) for n in CELLS],
+    "pinned": [True, False, False, False, False, False],
+    "full": False,
+    "degree": 2,
+    "coarse_inverse": np.eye(54, dtype=np.float32) / 10,
+}
+
+
+def ultrasound():
+    """Arguments for a small probe over two tissues: what the package gives to the core, and a frame."""
+    voxels = np.zeros((25, 13, 25), np.uint8)
+    voxels[:, :, 12:] = 1
+    probe = Probe.curvilinear(frequency_mhz=3.5, depth_mm=20, lines=32, samples=160)
+    scene = Scene(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: "muscle"})
+    pose = facing((12, 6, 2), depth=(0, 0, 1), right=(1, 0, 0))
+    optics, recorded = Optics(probe), {}
+
+    class Recorder(ModuleType):
+        def __getattr__(self, name):
+            made = getattr(twin, name)
+
+            def record(*arguments):
+                recorded[name] = dict(signature(made).bind(*arguments).arguments)
+                return made(*arguments)
+
+            return record
+
+    import sonospline._core as core
+
+    active, core.active = core.active, Recorder("recorder")
+    try:
+        optics.plan(Scan.of(probe, picture_plane(probe, pose, (40, 36))))
+        echoes = scene.echoes
+        choose = echoes.choose
+        echoes.choose = lambda *a: (
+            recorded.update({"EchoScene.choose": dict(signature(choose).bind(*a).arguments)}) or choose(*a)
+        )
+        grid = Grid.covering((24, 12, 24), nodes=600)
+        seen = aim(scene, optics, pose, grid, 1.0, 3)
+    finally:
+        core.active = active
+    recorded["BmodePlan.aim"] = seen._asdict()
+    recorded["BmodePlan.render"] = {
+        "values": singles(*grid.shape, 3),
+        "spacing": grid.spacing,
+        "echoes": np.array([[3, 40, 1, 0], [4.5, 60, 0, 1]], np.float32),
+        "shadow": np.array([[10] * 32, [0.5] * 32], np.float32),
+        "shadow_soft_mm": 2.0,
+        "noise": singles(2 * 32 * 160),
+        "noise_level": 0.1,
+        "offset_db": singles(160),
+        "range_db": 60.0,
+    }
+    return recorded
+
+
+def a_factor(core):
+    factor = core.CholeskyFactor()
+    factor.append(FACTOR[:4, :4].copy(), 1e-9)
+    return factor
+
+
+SOUND = {
+    **dict.fromkeys(("sum_at_points_f32", "sum_at_points_f64", "gradient_at_points"), SUM | POINTS),
+    **dict.fromkeys(("sum_on_lattice_f32", "sum_on_lattice_f64"), SUM | {"shape": SHAPE, "spacing": SPACING}),
+    "kernel_matrix": {"kernel": 1, "points": rows(4), "centres": rows(5)},
+    "kelvinlet_sum": POINTS | {"centres": rows(5), "forces": rows(5), "width": 0.3, "poissons_ratio": 0.45},
+    "sample_lattice": SAMPLED | {"order": 3},
+    "gradient_lattice": {"coefficients": SAMPLED["values"], "spacing": SPACING, "points": rows(9)},
+    "invert_lattice": SAMPLED | {"tolerance": 1e-3, "most": 20, "order": 1},
+    "resample_lattice": {
+        "values": singles(3, 5, 6, 4), "x": singles(8, 7), "y": singles(9, 8), "z_transposed": singles(4, 5),
+    },
+    "reslice": {
+        "values": SAMPLED["values"], "spacing": SPACING, "pixel": np.array([[0.2, 0, 0], [0, 0.2, 0], [0, 0, 2.0]]),
+        "voxels": singles(6, 7, 8), "seen": np.ones((6, 7, 8), np.uint8), "index": np.eye(3, 4), "shape": (11, 21),
+        "tolerance": 0.01, "most": 20,
+    },
+    "line_load": {
+        "shape": SHAPE, "spacing": SPACING, "origin": np.array([0.0, 2, 2]), "direction": np.array([1.0, 0, 0]),
+        "places": np.array([0.0, 3]), "changes": np.array([1.0, -1]), "depth": 3.0, "tip": 0.5, "width": 0.7,
+    },
+    "MultilevelPlan": PLAN,
+    "MultilevelPlan.evaluate": {
+        "centre_index": RNG.integers(0, 9, (20, 3)), "weights": rows(20), "affine": AFFINE, "depth": 1,
+        "out": np.zeros((*PLAN["shape"], 3), np.float32),
+    },
+    "CholeskyFactor.append": {"rows": FACTOR[4:].copy(), "smallest_pivot": 1e-9},
+    "CholeskyFactor.solve": {"x": np.ones((3, 4)), "first": 0},
+    "ElasticMultigrid": MULTIGRID,
+    "ElasticMultigrid.iterate": {
+        "load": singles(*NODES), "start": np.zeros(NODES, np.float32), "iterations": 2, "estimate": True,
+    },
+    "ElasticMultigrid.product": {"values": singles(*NODES)},
+    **ultrasound(),
+}  # fmt: skip
+"""Of each function, class or method, arguments that fit."""
+
+
+def prepared(core, call):
+    """A function of the core, or a method of an object made for it, and a copy of arguments that fit."""
+    arguments = {name: value.copy() if isinstance(value, np.ndarray) else value for name, value in SOUND[call].items()}
+    name, _, method = call.partition(".")
+    if not method:
+        return getattr(core, name), arguments
+    made = a_factor(core) if name == "CholeskyFactor" else getattr(core, name)(**SOUND[name])
+    if call == "BmodePlan.render":
+        made.aim(**SOUND["BmodePlan.aim"])
+    return getattr(made, method), arguments
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of one call."""
+
+    call: str
+    name: str
+
+    def __str__(self):
+        return f"{self.call}-{self.name}"
+
+    @property
+    def sound(self):
+        return SOUND[self.call][self.name]
+
+
+ARRAYS = [
+    Argument(call, name) for call, given in SOUND.items() for name, x in given.items() if isinstance(x, np.ndarray)
+]
