@@ -20,10 +20,10 @@ def available_bytes() -> int | None:
     return None
 
 
-def refuse_beyond(wanted: int, what: str) -> None:
+def refuse_beyond(wanted: int, what: str, *, remedy: str = "use a coarser grid") -> None:
     """Raise ValueError where ``wanted`` bytes are more than most of the free memory."""
     if wanted <= _NEVER_REFUSED:
         return
     free = available_bytes()
     if free is not None and wanted > _SHARE * free:
-        raise ValueError(f"{what} would take {wanted:,} bytes, and {free:,} are free; use a coarser grid")
+        raise ValueError(f"{what} would take {wanted:,} bytes, and {free:,} are free; {remedy}")

@@ -163,6 +163,7 @@ class Grid:
 
     def on_faces(self, faces: tuple[str, ...]) -> NDArray[np.bool_]:
         """Return a mask of shape ``shape``: which nodes lie on any of the given faces."""
+        _memory.refuse_beyond(self.node_count, f"grid = {self.shape}: a mask of its nodes")
         mask = np.zeros(self.shape, bool)
         for face in faces:
             mask[face_slice(face)] = True

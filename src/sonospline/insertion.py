@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _validate
+from . import _memory, _validate
 from .faces import Progress
 from .field import ComposedField, Field, KernelField
 from .interaction import NeedleTissueModel, interaction
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 Accumulation = Literal["maximum", "incremental"]
 
 
+_SHORTEST_STEP = 1e-9
+"""In sides of the tissue."""
 _LANDMARKS_AHEAD = 96
 """Landmarks factored before the needle wakes them."""
 
@@ -47,6 +49,8 @@ class NeedleInsertion(ABC):
         _validate.count("steps", steps)
         whole = Needle(entry, target)
         self.tissue.check_inside(entry=whole.entry, target=whole.tip)
+        if whole.depth / steps < _SHORTEST_STEP * self.tissue.grid.side:
+            raise ValueError(f"steps = {steps} are steps of {whole.depth / steps:.1e}; give fewer")
         return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
 
 
@@ -177,7 +181,10 @@ class Insertion(NeedleInsertion):
         anchors = len(self.anchors)
         if plan is not self._factored_plan:
             self._spline.truncate(anchors)
-            self._spline.reserve(anchors + len(plan.points))
+            size = anchors + len(plan.points)
+            what = f"max_landmarks = {self.max_landmarks}: the factor of {size:,} landmarks"
+            _memory.refuse_beyond(8 * size**2, what, remedy="use fewer landmarks")
+            self._spline.reserve(size)
             self._factored_plan = plan
         known = len(self._spline.points) - anchors
         if count > known:

@@ -22,6 +22,8 @@ _BLOCK = 60_000
 """Pairs of points and centres held at once: few enough to stay in the cache."""
 _NODES_PER_WIDTH = 2.5
 """Of the lattice a field is kept on: cubics between them are good to 3e-4 of the peak."""
+_LARGEST_DRAG = 1e3
+"""In sides of the tissue."""
 _MOST_ENERGY = 2.0
 """Of a shaft's forces, in that of one force that moves its place by the drag, for each width of the shaft and one
 more; poses of the default kernel need 1.6. A displacement is at most the root of energy times compliance."""
@@ -221,6 +223,10 @@ class KelvinletInsertion(NeedleInsertion):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
         self.tissue = tissue
         self.model = DragModel.kelvinlet(tissue.grid.side) if model is None else model
+        if self.model.drag > _LARGEST_DRAG * tissue.grid.side:
+            raise ValueError(
+                f"drag = {self.model.drag:g} is far beyond the tissue's side of {tissue.grid.side:g}; give a part of it"
+            )
         self.anchors = select_anchors(tissue, _validate.count("anchors", anchors, least=2))
         self._factor, condition = _definite.factor(self.model.kernel.matrix(self.anchors, self.anchors))
         if condition < _definite.SMALLEST_CONDITION:

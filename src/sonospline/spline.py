@@ -30,6 +30,8 @@ _RESIDUAL_LIMIT = 1e-9
 """Largest residual of those equations, relative to the values, before everything is factored anew."""
 _ERROR_LIMIT = 1e-6
 """Largest residual after that: beyond it the landmarks are not met, and the field is worth nothing."""
+_MOST_SMOOTHING = 1e6
+"""In the kernel's value across half the landmarks' spread."""
 _SCALES = 1e-60, 1e60
 """Units of length whose cubes are numbers."""
 
@@ -140,6 +142,7 @@ class PolyharmonicSpline:
             _refuse_singular(epsilon, _closest_pair(points, since=0)[0])
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = smoothing + kernel.sign * epsilon
+        _refuse_smoothing(smoothing, frame, kernel)
         corners = _spread_out(points)
         try:
             base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
@@ -166,6 +169,7 @@ class PolyharmonicSpline:
         kernel = Biharmonic() if kernel is None else kernel
         smoothing = _validate.number("smoothing", smoothing)
         frame = Frame.of_grid(tissue.grid)
+        _refuse_smoothing(smoothing, frame, kernel)
         base = FaceBase(tissue, kernel, frame.scale, diagonal=frame.diagonal(smoothing, kernel), progress=progress)
         points = tissue.grid.node(np.argwhere(tissue.pinned))  # in the order of the base
         spline = cls.__new__(cls)
@@ -294,6 +298,12 @@ def _matching_values(points: Array, values: ArrayLike) -> Array:
     if len(array) != len(points):
         raise ValueError(f"values has {len(array)} rows for {len(points)} points; give one row a landmark")
     return array
+
+
+def _refuse_smoothing(smoothing: float, frame: Frame, kernel: Kernel) -> None:
+    most = _MOST_SMOOTHING * frame.scale**kernel.homogeneity
+    if smoothing > most:
+        raise ValueError(f"smoothing = {smoothing:g} leaves only an affine map of the values; give at most {most:.3g}")
 
 
 def _refuse_too_few(points: Array) -> None:

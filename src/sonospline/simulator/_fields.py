@@ -109,7 +109,7 @@ def _value(hint: Any, value: Any, path: tuple[str | int, ...], entry: Field[Any]
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
         raise FieldError(path, f"= {shown(value)} is of the wrong kind; give {_wanted(hint, entry)}")
     if hint is int:
-        _check_range(value, path, entry)
+        _check_range(value, int, path, entry)
     if hint is str:
         _check_text(value, path, entry)
     return value
@@ -141,18 +141,36 @@ def _number(value: Any, path: tuple[str | int, ...], entry: Field[Any]) -> float
         raise FieldError(path, f"= {shown(value)} is not a number; give {_wanted(float, entry)}")
     if isinstance(value, float) and not math.isfinite(value):
         raise FieldError(path, f"= {value} is not finite; give {_wanted(float, entry)}")
-    _check_range(value, path, entry)
+    _check_range(value, float, path, entry)
     try:
         return float(value)
     except OverflowError:
         raise FieldError(path, f"= {shown(value)} is too large; give {_wanted(float, entry)}") from None
 
 
-def _check_range(value: float, path: tuple[str | int, ...], entry: Field[Any]) -> None:
+def _check_range(value: float, kind: type, path: tuple[str | int, ...], entry: Field[Any]) -> None:
     low, high = entry.metadata.get("low"), entry.metadata.get("high")
     if (low is not None and value < low) or (high is not None and value > high):
-        figure = shown(value) if isinstance(value, int) else f"{value:g}"
-        raise FieldError(path, f"= {figure} is out of range; give {_wanted(type(value), entry)}")
+        raise FieldError(path, f"= {figure(value)} is out of range; give {_wanted(kind, entry)}")
+
+
+def figure(value: float) -> str:
+    """Return a number as short as it can be told from its neighbours: 400.0001 is not 400."""
+    if isinstance(value, int):
+        return shown(value)
+    return short if float(short := f"{value:g}") == value else repr(float(value))
+
+
+def inside(low: float, high: float, *, slack: float = 0.0) -> tuple[str, str]:
+    """Return the ends of a range to six figures, each within it or at most ``slack`` beyond: whoever takes one may."""
+    return _rounded(low, slack, up=True), _rounded(high, slack, up=False)
+
+
+def _rounded(value: float, slack: float, *, up: bool) -> str:
+    if value == 0 or not math.isfinite(value) or abs(float(f"{value:g}") - value) <= slack:
+        return f"{value:g}"
+    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 5)
+    return f"{(math.ceil if up else math.floor)(value / unit) * unit:g}"
 
 
 def _wanted(hint: Any, entry: Field[Any]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ._fields import FieldError
+from ._fields import FieldError, figure, inside
 
 Range = tuple[float, float]
 _SLACK = 1e-6
@@ -96,8 +96,10 @@ class Limits:
             for entry in fields(asked):
                 value, (low, high) = getattr(asked, entry.name), allowed[entry.name]
                 if not low - _SLACK <= value <= high + _SLACK:
+                    lowest, highest = inside(low, high, slack=_SLACK)
                     raise FieldError(
-                        (part, entry.name), f"= {value:g} is out of range; give {low:g} to {high:g} in this scene"
+                        (part, entry.name),
+                        f"= {figure(value)} is out of range; give {lowest} to {highest} in this scene",
                     )
 
 

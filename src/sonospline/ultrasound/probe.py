@@ -20,8 +20,8 @@ SPEED_OF_SOUND = 1.54
 _FWHM = 2 * np.sqrt(2 * np.log(2))
 _FINEST, _FITTING, _COARSEST = 0.105, 1.2, 1.5
 """A sample, in standard deviations of the pulse: 63 half-samples hold 3.3 of them."""
-_SAMPLES, _MOST_SAMPLES = 1024, 32_768
-"""Along a beam: where they fit the pulse, and at most."""
+_FEWEST_SAMPLES, _SAMPLES, _MOST_SAMPLES = 80, 1024, 32_768
+"""Along a beam: at least, where they fit the pulse, and at most."""
 
 
 _ABDOMINAL: dict[str, Any] = {
@@ -144,9 +144,10 @@ class Probe:
     def _preset(cls, kind: Kind, frequency_mhz: float, depth_mm: float, settings: dict[str, Any]) -> Probe:
         _validate.number("frequency_mhz", frequency_mhz, positive=True)
         _validate.number("depth_mm", depth_mm, positive=True)
-        bandwidth = _bandwidth(settings.get("bandwidth", cls.bandwidth))
-        samples = _fitting_samples(depth_mm, _axial_sigma(bandwidth, frequency_mhz))
-        return cls(kind=kind, frequency_mhz=frequency_mhz, depth_mm=depth_mm, **({"samples": samples} | settings))
+        if "samples" not in settings:
+            bandwidth = _bandwidth(settings.get("bandwidth", cls.bandwidth))
+            settings = settings | {"samples": _fitting_samples(depth_mm, _axial_sigma(bandwidth, frequency_mhz))}
+        return cls(kind=kind, frequency_mhz=frequency_mhz, depth_mm=depth_mm, **settings)
 
     def tuned(self, *, frequency_mhz: float, depth_mm: float, elevation_focus_mm: float) -> Probe:
         """Return the probe with its knobs turned, and as many samples as its pulse then needs.
@@ -283,6 +284,12 @@ def _axial_sigma(bandwidth: float, frequency_mhz: float) -> float:
 
 def _fitting_samples(depth_mm: float, axial_sigma: float) -> int:
     """1024 samples, or the number nearest to it that is neither too coarse nor too fine for the pulse."""
+    if not _FEWEST_SAMPLES * _FINEST <= depth_mm / axial_sigma <= _MOST_SAMPLES * _FITTING:
+        longer = depth_mm / axial_sigma < 1e3
+        remedy = "a higher frequency or a larger depth" if longer else "a lower frequency or a smaller depth"
+        raise ValueError(
+            f"depth_mm = {depth_mm:g} does not go with a pulse {_FWHM * axial_sigma:.3g} mm long; give {remedy}"
+        )
     least = 16 * int(np.ceil(depth_mm / (_FITTING * axial_sigma) / 16))
     most = 16 * int(depth_mm / (_FINEST * axial_sigma) / 16)
-    return max(min(max(_SAMPLES, least), most, _MOST_SAMPLES), 64)
+    return min(max(_SAMPLES, least), most)

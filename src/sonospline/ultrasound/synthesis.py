@@ -27,6 +27,7 @@ from .scene import Scene
 logger = logging.getLogger(__name__)
 
 _NOISE_TILES = 4
+_LARGEST_SEED = 2**64 - 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +139,8 @@ class Ultrasound:
         self.display = Display() if display is None else display
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
         self.seed = _validate.count("seed", seed, least=0)
+        if seed > _LARGEST_SEED:
+            raise ValueError(f"seed = {seed} is too large; give at most {_LARGEST_SEED}")
         margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
         transform = pose.rigid("image_to_reference", image_to_reference)
         self._use(probe, picture_plane(probe, transform, picture_shape), margin_mm)
