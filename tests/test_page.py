@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from page_driver import DEPTH, MOVED, STATUS, Driver, frame_drawn, serving
+from page_driver import DEPTH, LINK, MOVED, STATUS, Driver, frame_drawn, serving
 from sonospline.simulator import Session
 from sonospline.simulator.wish import ImageWish, NeedleWish, ProbeWish, Wish
 
@@ -62,18 +62,19 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
 
 
 def test_freeze_holds_image_needle_and_probe(drive):
-    driver = drive()
+    driver = drive(script=LINK)
     driver.until("document.querySelector('canvas.view3d') !== null")  # it asks for a frame when it comes
     driver.page.keyboard.press("Space")
     driver.until(f"{STATUS} === 'frozen'")
-    driver.page.wait_for_timeout(2500)  # the server may be at work for the first push, and answer late
+    driver.answered()  # the server may be at work for the first push, and answer late
+    driver.next_step()
     number, pixels = driver.drawn()
     driver.page.keyboard.press("ArrowDown")
     driver.page.keyboard.press("KeyD")
-    driver.page.wait_for_timeout(500)
+    driver.until("document.querySelector('.notice').innerText.startsWith('Frozen')")
+    driver.passed(30)
     assert driver.drawn()[0] == number
     assert (driver.drawn()[1] == pixels).all()
-    assert driver.page.locator(".notice").inner_text().startswith("Frozen")
     driver.page.get_by_role("button", name="Frozen").first.click()
     driver.until(frame_drawn(number + 2))
     assert (driver.value("depth"), driver.knob("slide")) == (0, 0)

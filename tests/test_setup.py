@@ -271,3 +271,11 @@ def test_npm_keeps_its_cache_beside_the_build_where_there_is_no_home(machine):
     (whole.project / "web/src/main.ts").write_text("// another page")
     whole.start("run")
     assert next(call for call in whole.calls() if call.startswith("npm")).endswith("--emptyOutDir ")
+
+
+@pytest.mark.skipif(shutil.which("node") is None or shutil.which("npm") is None, reason="needs Node.js")
+def test_a_real_node_is_asked_for_its_version():
+    ask = f'. "{ROOT}/scripts/setup.sh"; has_npm && echo new || echo old'
+    version = subprocess.check_output(["node", "--version"], text=True)
+    new = int(version.strip().lstrip("v").split(".")[0]) >= 18
+    assert subprocess.check_output(["bash", "-c", ask], text=True).strip() == ("new" if new else "old")
