@@ -62,7 +62,7 @@ look_for() {
     packages=() purposes=() smaller=()
     for part in "$@"; do
         case $part in
-            run) look_for_python ;;
+            run | dev) look_for_python ;;
             page) has_npm || lacks "$(has_node || echo 'nodejs ')npm" "Node.js 18 or newer, for the page" "$(page_without_npm)" ;;
             browser)
                 has_chromium || lacks "$(chromium_package)" "for the tests in a browser" "without the tests in a browser" ;;

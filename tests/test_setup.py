@@ -159,6 +159,8 @@ def test_the_tests_need_more_and_their_arguments_pass_on(machine):
     bare = machine(*BARE)
     said = bare.start("test", "quick", "--", "-k", "needle or probe")
     assert "chromium (for the tests in a browser)" in said
+    wanted = "python3 python3-venv python3-dev g++ nodejs npm chromium"
+    assert bare.calls_file.read_text().splitlines()[1].strip().endswith(wanted)
     assert bare.calls()[-1] == "pytest -n 2 -m not slow -k needle or probe"
     assert "no step or option" in bare.start("test", "all", code=2)
     assert "--no-install" in bare.start("test", "--help")
