@@ -15,7 +15,10 @@ import pytest
 
 from sonospline.simulator.server import PAGE
 
-SIZES = {"desktop": (1440, 900), "compact": (1024, 768), "tablet": (1180, 820)}
+SIZES = {
+    "desktop": (1440, 900), "compact": (1024, 768), "tablet": (1180, 820), "portrait": (820, 1180), "phone": (360, 740),
+}  # fmt: skip
+FOCUSED = "document.activeElement.classList.contains('image-pane')"
 
 # What a page says of itself, in its own words.
 DEPTH = "Number(document.querySelector('#read-depth').dataset.value)"
@@ -52,7 +55,7 @@ window.WebSocket = class extends Native {
         };
         super.onmessage = handler && ((event) => {
             const binary = event.data instanceof ArrayBuffer;
-            if (link.mute || (link.held && binary)) link.held?.push(() => take(event));
+            if (link.held && (binary || link.mute)) link.held.push(() => take(event));
             else if (link.delay) setTimeout(take, link.delay, event);
             else take(event);
         });
@@ -67,7 +70,7 @@ window.WebSocket = class extends Native {
         super.send(text);
     }
 };
-link.hold = () => { link.held = []; };
+link.hold = (mute = false) => { Object.assign(link, {held: [], mute}); };
 link.go = () => { const late = link.held; link.held = null; for (const take of late) take(); };
 window.addEventListener("keyup", () => { link.released = link.shown; }, true);
 const count = () => { link.frames += 1; requestAnimationFrame(count); };

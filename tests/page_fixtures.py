@@ -23,6 +23,12 @@ def gel(browser):
         yield address
 
 
+@pytest.fixture(scope="module")
+def cube(browser):
+    with serving("--scene", "cube") as address:
+        yield address
+
+
 @pytest.fixture
 def drive(browser, request):
     """Open a page, of the gel block where no scene is named; nothing may leave the machine or be complained of."""

@@ -165,3 +165,29 @@ def test_a_push_right_after_a_pass_is_undone_starts_at_the_skin(drive):
     driver.answered()
     driver.until(f"{DEPTH} <= 0.5")
     assert driver.evaluate("link.asked.at(-1)") <= 0.5
+
+
+def test_what_is_limited_is_said(drive):
+    driver = drive(script=LINK)
+    page = driver.page
+    notice = "document.querySelector('.notice').innerText"
+    driver.hold("ArrowDown", f"{DEPTH} > 4")
+    angle = driver.knob("angle")
+    page.locator("[data-axis=angle]:visible").fill(str(angle + 20))
+    page.keyboard.press("Enter")
+    driver.until(f"{notice}.startsWith('Turns no further')")
+    assert "stops here" not in driver.evaluate(notice)
+    page.locator(".image-pane").focus()
+    driver.answered()
+    assert driver.knob("angle") == pytest.approx(angle + 5)
+    page.keyboard.press("Home")
+    driver.until(f"{DEPTH} === 0")
+    page.locator("[data-axis=angle]:visible").fill("90")
+    page.keyboard.press("Enter")
+    page.locator(".image-pane").focus()
+    driver.until("Number(document.querySelector('[data-axis=angle]').dataset.value) === 90")
+    page.get_by_role("radio", name="Fast").click()
+    rail = page.locator(".track .rail").bounding_box()
+    page.mouse.click(rail["x"] + rail["width"] - 2, rail["y"] + 12)
+    driver.until(f"{notice}.startsWith('Leaves the tissue')")
+    driver.until(f"{TRACK}.hidden")

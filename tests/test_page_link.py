@@ -135,6 +135,23 @@ def test_a_session_that_goes_on_in_another_page_is_not_taken_back(drive):
     driver.live()
 
 
+def test_a_server_at_work_is_busy_and_a_mute_one_is_lost(drive):
+    """Frames that do not come are no lost connection: the server still gives signs of life."""
+    driver = drive(script=LINK)
+    driver.answered()
+    driver.evaluate("link.hold()")
+    notice = "document.querySelector('.notice').innerText"
+    driver.until(f"{notice}.includes('Busy') && {notice}.includes('4 s old')")
+    assert driver.evaluate(STATUS) == "live"
+    driver.evaluate("link.go()")
+    driver.until("document.querySelector('.notice').hidden")
+    driver.evaluate("link.hold(true)")
+    driver.until(f"{STATUS} === 'lost'")
+    assert "no answer" in driver.page.locator(".lost p").inner_text()
+    driver.evaluate("link.go()")
+    driver.until(f"{STATUS} === 'live'")
+
+
 TABS = 8
 # How many sessions a server still has room for: sockets that are greeted rather than turned away.
 GREETED = """() => Promise.all(Array.from({length: COUNT}, () => new Promise((done) => {

@@ -8,7 +8,7 @@ pytest_plugins = ["page_fixtures"]
 
 # Text may not run out of its box: DejaVu Sans, the widest font a machine may have, is all that CI has.
 CLIPPED = """() => {
-    const words = "button, h1, h2, .name, .label, .value, .note, dd, dt, th, td, input, .panel-head span, .meter";
+    const words = "button, b, h1, h2, .name, .label, .value, .note, dd, dt, th, td, input, .panel-head span, .meter";
     const clipped = (e) => e.clientWidth > 0 && e.scrollWidth > e.clientWidth + 1;
     return [...document.querySelectorAll(words)]
         .filter((e) => e.checkVisibility() && !e.closest(".unseen") && clipped(e))
@@ -58,6 +58,116 @@ def inside_the_window(driver, selector):
             return box.width > 0 && box.left >= 0 && box.top >= 0 && within;
         }})()"""
     )
+
+
+# How bright the image is under the notice.
+UNDER = """() => {
+    const canvas = document.querySelector("canvas.picture");
+    const [notice, image] = [document.querySelector(".notice"), canvas].map((e) => e.getBoundingClientRect());
+    const scale = canvas.width / image.width;
+    const within = (at, most) => Math.min(most, Math.max(0, at)) * scale;
+    const [left, right] = [notice.left, notice.right].map((x) => within(x - image.left, image.width));
+    const [top, bottom] = [notice.top, notice.bottom].map((y) => within(y - image.top, image.height));
+    if (right - left < 1 || bottom - top < 1) return 0;
+    const {data} = canvas.getContext("2d").getImageData(left, top, right - left, bottom - top);
+    return Math.max(...data.filter((_, k) => k % 4 === 0));
+}"""
+CORNERS = [
+    pytest.param(scene, layout, marks=() if (scene, layout) == ("kidney", "compact") else pytest.mark.slow)
+    for scene in ("kidney", "gel", "cube")
+    for layout in SIZES
+]
+
+
+@pytest.mark.parametrize(("scene", "layout"), CORNERS)
+def test_a_notice_stands_in_the_black_and_names_and_needle_are_whole(drive, scene, layout):
+    driver = drive(scene, size=SIZES[layout], touch=layout not in ("desktop", "compact"))
+    driver.page.locator(".image-pane").focus()
+    driver.page.keyboard.press("Space")
+    driver.until("!document.querySelector('.notice').hidden")
+    driver.page.locator(".notice").get_by_text("Space or Freeze to go on").wait_for()
+    assert driver.evaluate(UNDER) == 0
+    assert inside_the_window(driver, ".notice")
+    assert driver.evaluate(CLIPPED) == []
+    assert driver.evaluate("document.documentElement.scrollHeight <= innerHeight"), "the page scrolls"
+
+
+# Buttons that are cut off, too small for a finger, or under something else.
+OUT_OF_REACH = """() => [...document.querySelectorAll("button, .lever .knob, .pad .knob")]
+    .filter((e) => e.checkVisibility() && !e.closest("dialog"))
+    .filter((e) => {
+        const {left, right, top, bottom, width, height} = e.getBoundingClientRect();
+        const inside = left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
+        const there = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
+        return !inside || Math.min(width, height) < 43.5 || !(e.contains(there) || there?.contains(e));
+    }).map((e) => `${e.className} ${e.textContent}`)"""
+
+
+@pytest.mark.parametrize("size", [(820, 1180), pytest.param((768, 1024), marks=pytest.mark.slow)])
+def test_a_tablet_held_upright_has_a_wide_image_and_every_control_within_reach(drive, size):
+    driver = drive("kidney", size=size, touch=True)
+    assert driver.evaluate("document.body.dataset.layout") == "tablet"
+    assert driver.evaluate(OUT_OF_REACH) == []
+    assert driver.evaluate(CLIPPED) == []
+    assert driver.page.locator("canvas.picture").bounding_box()["width"] > 0.7 * size[0]
+    driver.until("document.querySelector('canvas.view3d') !== null")
+    driver.page.locator(".swap").tap()
+    driver.until("document.body.classList.contains('swapped')")
+    assert driver.page.locator("canvas.view3d").bounding_box()["width"] == pytest.approx(size[0], abs=1)
+    driver.page.locator(".image-pane").tap()
+    driver.until("!document.body.classList.contains('swapped')")
+    if size == SIZES["portrait"]:
+        driver.settled()
+        driver.picture("portrait")
+
+
+@pytest.mark.parametrize("size", [(720, 450), (512, 384), (360, 740)])
+def test_the_help_shows_every_key_at_any_zoom(drive, size):
+    driver = drive(size=size)
+    driver.page.get_by_role("button", name="Help").click()
+    driver.page.get_by_role("dialog").wait_for()
+    out = """() => {
+        const panel = document.querySelector("dialog").getBoundingClientRect();
+        return [...document.querySelectorAll("dialog .keyboard .key")].filter((key) => {
+            const {left, right} = key.getBoundingClientRect();
+            const {scrollWidth, clientWidth} = key.offsetParent;
+            return left < panel.left || right > panel.right || scrollWidth > clientWidth;
+        }).map((key) => key.textContent);
+    }"""
+    assert driver.evaluate(out) == []
+    assert driver.evaluate("document.querySelectorAll('dialog .arrows .key').length") == 4
+    assert (
+        driver.evaluate("getComputedStyle(document.querySelector('dialog .arrows').parentElement).overflow")
+        == "visible"
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", ["desktop", "compact"])
+def test_the_names_in_the_plot_stand_apart_and_within_it(drive, layout):
+    driver = drive("cube", size=SIZES[layout])
+    keys = driver.page.keyboard
+    driver.page.get_by_role("radio", name="Fast").click()
+    for model in ("1", "2", "3"):
+        keys.press(model)
+        driver.hold("ArrowDown", f"{DEPTH} > 40")
+        driver.hold("ArrowUp", f"{DEPTH} < 20")
+    driver.until("document.querySelectorAll('.plot text.live, .plot text.other').length === 3")
+    boxes = driver.evaluate(
+        """[...document.querySelectorAll(".plot text")].map((e) => e.getBoundingClientRect().toJSON())"""
+    )
+    panel = driver.evaluate("document.querySelector('.panel.motion').getBoundingClientRect().toJSON()")
+    for k, a in enumerate(boxes):
+        assert panel["left"] <= a["left"] <= a["right"] <= panel["right"]
+        assert panel["top"] <= a["top"] <= a["bottom"] <= panel["bottom"]
+        for b in boxes[:k]:
+            apart = (
+                a["right"] <= b["left"]
+                or b["right"] <= a["left"]
+                or a["bottom"] <= b["top"] + 3
+                or b["bottom"] <= a["top"] + 3
+            )
+            assert apart, (a, b)
 
 
 @pytest.mark.parametrize("size", [(720, 450), (512, 384)], ids=["of 1440 x 900", "of 1024 x 768"])

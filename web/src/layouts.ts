@@ -1,4 +1,4 @@
-/** Which of the three layouts a window gets, and the room around the image in each. */
+/** Which of the three layouts a window gets (a small one is compact, whatever the pointer), and the room around the image in each. */
 
 import type { Keep, Margins } from "./image/fit";
 import type { ProbeInfo } from "./protocol";
@@ -6,7 +6,8 @@ import type { ProbeInfo } from "./protocol";
 export type Layout = "desktop" | "compact" | "tablet";
 
 export function chooseLayout(width: number, height: number, coarse: boolean): Layout {
-  if (coarse) return "tablet";
+  const roomy = width > height ? width >= 900 && height >= 600 : width >= 700 && height >= 900;
+  if (coarse && roomy) return "tablet";
   return width >= 1280 && height >= 820 ? "desktop" : "compact";
 }
 
@@ -19,7 +20,7 @@ const MARGINS: Record<Layout, Margins> = {
 /** A sector has black corners for the texts beside it; parallel beams fill their corners, so they leave margins. */
 export function margins(layout: Layout, kind: ProbeInfo["kind"]): Margins {
   if (kind !== "linear") return MARGINS[layout];
-  return { ...MARGINS[layout], left: 190, right: layout === "compact" ? 160 : 236 };
+  return { ...MARGINS[layout], top: 32, left: 190, right: layout === "compact" ? 160 : 236 };
 }
 
 /** px of the read-outs in the black corner. */

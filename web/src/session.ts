@@ -304,7 +304,7 @@ export class Session {
     this.kept = this.resumed = false;
     this.flush(performance.now());
     // until the server is where the hand was, its numbers are of another pose
-    this.awaited = this.seq;
+    this.awaited = again ? this.seq : 0;
   }
 
   /** After a lost connection the same scene goes on where the hand was, whatever the server still knows. */

@@ -1,8 +1,10 @@
 import { describe, expect, it } from "vitest";
+import { roomBeside } from "../src/image/corner";
 import { fit, Mapping } from "../src/image/fit";
 import { inside, intoSight, needleInImage, pathAhead, reach, skinLine } from "../src/image/geometry";
 import { sector } from "../src/image/sector";
 import { chooseLayout, keep, margins } from "../src/layouts";
+import { standApart } from "../src/plotLabels";
 import type { FrameHeader } from "../src/protocol";
 
 const raster = { columns: 512, rows: 364, pixel: [0.35, 0.35] as const };
@@ -41,7 +43,7 @@ describe("fit", () => {
 });
 
 describe("layouts", () => {
-  it.each([[1440, 900, false, "desktop"], [1280, 820, false, "desktop"], [1279, 900, false, "compact"], [720, 450, false, "compact"], [1180, 820, true, "tablet"]] as const)(
+  it.each([[1440, 900, false, "desktop"], [1280, 820, false, "desktop"], [1279, 900, false, "compact"], [720, 450, false, "compact"], [1180, 820, true, "tablet"], [820, 1180, true, "tablet"], [744, 1133, true, "tablet"], [360, 740, true, "compact"], [740, 360, true, "compact"]] as const)(
     "%i x %i, coarse %s: %s",
     (width, height, coarse, layout) => expect(chooseLayout(width, height, coarse)).toBe(layout),
   );
@@ -94,5 +96,23 @@ describe("needle and skin in the image", () => {
     expect(path?.ticks).toHaveLength(2);
     const beyond = { ...header, target: { ...header.target, now: [0, 0, 5] } };
     expect(pathAhead(beyond as unknown as FrameHeader, 5)).toBeNull();
+  });
+});
+
+describe("the black corners", () => {
+  const trapezium = [[40, 0], [60, 0], [100, 80], [0, 80]] as const;
+  it("are as wide as the narrowest place beside the sector", () => {
+    expect(roomBeside(trapezium, "right", 120, 0, 0)).toBe(60);
+    expect(roomBeside(trapezium, "right", 120, 0, 40)).toBe(40);
+    expect(roomBeside(trapezium, "left", 120, 20, 40)).toBe(20);
+    expect(roomBeside(trapezium, "left", 120, 90, 100)).toBe(120);
+  });
+});
+
+describe("the names of curves", () => {
+  it("stand apart, near where they want to be, within the plot", () => {
+    expect(standApart([50, 52, 90], 9, 100, 13)).toEqual([50, 63, 90]);
+    expect(standApart([2, 3, 4], 9, 100, 13)).toEqual([9, 22, 35]);
+    expect(standApart([120, 120], 9, 100, 13)).toEqual([100, 87]);
   });
 });

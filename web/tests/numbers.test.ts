@@ -6,9 +6,9 @@ import { axisTop, Curves } from "../src/curves";
 import { stick } from "../src/input/gamepad";
 import { Meter } from "../src/latency";
 import { parts } from "../src/parts/words";
-import type { FrameHeader, Limits, State } from "../src/protocol";
+import type { FrameHeader, Limits, Scene, State } from "../src/protocol";
 import { cividis, roundUp } from "../src/view3d/cividis";
-import { framed } from "../src/view3d/framing";
+import { framed, inSight } from "../src/view3d/framing";
 import { adopt, same } from "../src/wish";
 
 const state: State = {
@@ -112,6 +112,25 @@ describe("the 3-D view", () => {
     const { centre, distance } = framed([[-50, -10, 0], [50, 10, 0]], [0, 0, 1], [0, 1, 0], 1);
     expect(centre).toEqual([0, 0, 0]);
     expect(50 / distance).toBeLessThan(Math.tan(Math.PI / 12));
+  });
+
+  it.each([[360 / 418], [336 / 324], [1], [254 / 344]])("has the needle's hub in sight at the start (aspect %f)", (aspect) => {
+    const scene = {
+      box: { low: [-60, -60, 0], high: [60, 60, 120] },
+      frame: { right: [1, 0, 0], depth: [0, 0, 1], out: [0, -1, 0], skin_origin: [0, 0, 0] },
+      start: { ...state, needle: { u: -60, v: 0, angle: 54, swing: 0, depth: 0 } },
+      needle: { length_mm: 150, diameter_mm: 1 },
+    } as unknown as Scene;
+    const points = inSight(scene);
+    const back = (150 + 7) * Math.sin((54 * Math.PI) / 180);
+    expect(Math.min(...points.map(([, , z]) => z))).toBeCloseTo(-back - 6);
+    const { centre, distance } = framed(points, [0, 1, 0], [0, 0, -1], aspect);
+    const slope = Math.tan(Math.PI / 12);
+    for (const [x, y, z] of points) {
+      const far = centre[1] + distance - y;
+      expect(Math.abs(z - centre[2]) / far).toBeLessThan(slope);
+      expect(Math.abs(x - centre[0]) / far).toBeLessThan(slope * aspect);
+    }
   });
 
   it("begins its colours at 22 % and ends at yellow", () => {

@@ -93,7 +93,7 @@ function keyboard(): HTMLElement {
     "div",
     { class: "keyboard", "aria-hidden": "true" },
     h("div", {}, ...ROWS.map((row) => h("div", { class: "keys" }, ...row.map(([code, wide]) => key(code, wide))))),
-    h("div", { class: "side" }, key("Home", 2), h("div", { class: "arrows" }, key("ArrowUp", 1), key("ArrowLeft", 1), key("ArrowDown", 1), key("ArrowRight", 1))),
+    h("div", { class: "cursor-keys" }, key("Home", 2), h("div", { class: "arrows" }, key("ArrowUp", 1), key("ArrowLeft", 1), key("ArrowDown", 1), key("ArrowRight", 1))),
   );
 }
 

@@ -3,6 +3,7 @@
 import { show } from "../axes";
 import type { Desk } from "../desk";
 import { h, s, toggle } from "../dom";
+import { roomBeside, type Side } from "../image/corner";
 import { fit, Mapping, type Raster } from "../image/fit";
 import { needleInImage, skinLine } from "../image/geometry";
 import { faceOrigin, Marks } from "../image/marks";
@@ -97,6 +98,16 @@ export class ImagePane {
 
   refresh(): void {
     if (this.session.wish) this.drawWish(this.session.wish);
+  }
+
+  /** px beside the sector, between two heights of the pane. */
+  room(side: Side, from: number, to: number): number {
+    const { mapping, view } = this;
+    if (!mapping || !view) return this.size.width;
+    const header = this.session.frame?.header;
+    const [x0, y0] = header ? faceOrigin(header) : [-view.low[0], -view.low[1]];
+    const outline = view.outline.map(([x, y]) => mapping.point([x + x0, y + y0]));
+    return roomBeside(outline, side, this.size.width, from, to);
   }
 
   /** Unit direction of the needle on the screen. */

@@ -1,14 +1,18 @@
 /** One notice at a time in a black corner: what is held, what is slow, what failed. */
 
 import type { Desk } from "../desk";
-import { h, write } from "../dom";
+import { h, toggle, write } from "../dom";
 import { icon, type IconName } from "../icons";
 import type { Blocked } from "../protocol";
 import type { Header } from "./header";
+import type { ImagePane } from "./imagePane";
 
 interface Entry { kind: "plain" | "caution" | "fault"; picture: IconName; title: string; text: string; undo?: boolean; close?: boolean }
 
 const EVERY = 100;
+/** px of its width, the widest that fits beside the sector, and what it keeps clear of. */
+const WIDTHS = [190, 170, 150, 135, 120, 105, 90];
+const CLEAR = 8;
 /** What is limited, and by what. */
 const BLOCKED: Record<Blocked, readonly [string, string]> = {
   "end of needle": ["End of needle", "All of it is in"],
@@ -30,10 +34,12 @@ export class NoticePart {
   private caution: { message: string; until: number } | null = null;
   private blocked: { title: string; text: string; until: number } | null = null;
   private shownAt = -Infinity;
+  private fitted = "";
 
   constructor(
     private readonly desk: Desk,
     private readonly header: Header,
+    private readonly pane: ImagePane,
   ) {
     const { session } = desk;
     this.undo.addEventListener("click", () => {
@@ -63,6 +69,7 @@ export class NoticePart {
     this.shownAt = now;
     const entry = this.choose(now);
     this.element.hidden = entry === null;
+    toggle(document.body, "noticed", entry !== null);
     if (!entry) return;
     this.element.dataset.kind = entry.kind;
     write(this.title, entry.title);
@@ -73,6 +80,23 @@ export class NoticePart {
     }
     this.undo.hidden = !entry.undo;
     this.close.hidden = !entry.close;
+    this.fit();
+  }
+
+  /** As wide as the black corner allows: nothing stands over the sector. */
+  private fit(): void {
+    const { element, pane } = this;
+    const { classList, dataset } = document.body;
+    const side = classList.contains("needle-right") ? "left" : "right";
+    const key = [element.textContent, side, dataset.layout, classList.contains("swapped"), pane.room(side, 0, Infinity), pane.element.clientWidth, pane.element.clientHeight].join("|");
+    if (key === this.fitted) return;
+    this.fitted = key;
+    const edge = (width: number) => (side === "left" ? element.offsetLeft + width : pane.element.clientWidth - element.offsetLeft);
+    for (const width of WIDTHS) {
+      element.style.width = `${width}px`;
+      const { offsetTop, offsetHeight } = element;
+      if (edge(width) + CLEAR <= pane.room(side, offsetTop - CLEAR, offsetTop + offsetHeight + CLEAR)) return;
+    }
   }
 
   /** The gravest first. */

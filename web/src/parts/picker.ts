@@ -96,6 +96,7 @@ export function scenePicker(session: Session): HTMLElement {
 
   session.sceneReady.on((scene) => {
     write(name, scene.name);
+    button.dataset.hint = scene.name;
     root.classList.remove("loading");
   });
   session.loading.on(({ name: loading, share }) => {

@@ -2,13 +2,18 @@
 
 import { axisTop, Curves, type Curve } from "../curves";
 import { h, s } from "../dom";
+import { standApart } from "../plotLabels";
 import type { Session } from "../session";
 
 const ROOM = { left: 22, right: 8, top: 22, bottom: 22 };
 const EVERY = 100;
 /** px that a name takes. */
 const LABEL = 78;
+/** px between two names. */
+const LINE = 13;
 const DASHES = ["5 4", "1.500 3.500", "8 3 2 3"];
+
+interface Named { id: string; points: Curve }
 
 export class MotionPlot {
   private readonly svg = s("svg", { class: "plot", role: "img", "aria-label": "Target motion in millimetres against insertion depth" });
@@ -67,28 +72,25 @@ export class MotionPlot {
       out.push(s("text", { x: px(value).toFixed(1), y: this.size.height - 5, "text-anchor": value > 0 && value >= x.top ? "end" : "middle" }, tidy(value)));
     }
     const name = (id: string) => scene?.models.find((candidate) => candidate.id === id)?.name ?? id;
-    const taken: number[] = [];
     const highest = (from: number, to: number) =>
       Math.min(...all.flatMap(({ points }) => points.filter(([depth]) => px(depth) >= from && px(depth) <= to).map(([, moved]) => py(moved))));
-    const label = (id: string, points: Curve, className: string) => {
+    // beside the end of its curve, or over all curves where there is no room
+    const label = ({ id, points }: Named) => {
       const [depth, moved] = points[points.length - 1];
       const end = px(depth);
       const room = end + LABEL < this.size.width;
-      // beside the end of its curve, or over all curves where there is no room
-      let at = room ? py(moved) + 4 : Math.min(py(moved), highest(end - LABEL, end)) - 9;
-      at = Math.min(ROOM.top + height - 4, Math.max(9, at));
-      while (taken.some((other) => Math.abs(other - at) < 13) && at > 10) at -= 13;
-      taken.push(at);
-      out.push(s("text", { class: className, x: (end + (room ? 9 : 4)).toFixed(1), y: at.toFixed(1), "text-anchor": room ? "start" : "end" }, name(id)));
+      const at = room ? py(moved) + 4 : Math.min(py(moved), highest(end - LABEL, end)) - 9;
+      const text = s("text", { class: id === model ? "live" : "other", x: (end + (room ? 9 : 4)).toFixed(1), "text-anchor": room ? "start" : "end" }, name(id));
+      return { at, text };
     };
     const live = all.find(({ id }) => id === model);
-    if (live && live.points.length > 1) label(model, live.points, "live");
     const others = all.filter(({ id, points }) => id !== model && points.length > 1);
-    others.forEach(({ id, points }, k) => {
-      out.push(s("path", { class: "other", d: line(points), "stroke-dasharray": DASHES[k % DASHES.length] }));
-      label(id, points, "other");
-    });
+    others.forEach(({ points }, k) => out.push(s("path", { class: "other", d: line(points), "stroke-dasharray": DASHES[k % DASHES.length] })));
     if (live) out.push(s("path", { class: "live", d: line(live.points) }));
+    const labels = (live && live.points.length > 1 ? [live, ...others] : others).map(label);
+    const heights = standApart(labels.map(({ at }) => at), 9, ROOM.top + height - 4, LINE);
+    labels.forEach(({ text }, k) => text.setAttribute("y", heights[k].toFixed(1)));
+    out.push(...labels.map(({ text }) => text));
     const now = frame?.header.readouts;
     if (now && now.moved !== null) out.push(s("circle", { class: "live", cx: px(now.depth).toFixed(1), cy: py(now.moved).toFixed(1), r: 4 }));
     return out;
