@@ -191,7 +191,15 @@ def frame(first, payload):
     return head + mask + bytes(byte ^ mask[k % 4] for k, byte in enumerate(payload))
 
 
-@pytest.mark.parametrize("message", [b'{"type": "undo_pass"}', b'{"type": "ping"}', b"no", None])
+@pytest.mark.parametrize(
+    "message",
+    [
+        b'{"type": "undo_pass"}',
+        pytest.param(b'{"type": "ping"}', marks=pytest.mark.slow),
+        pytest.param(b"no", marks=pytest.mark.slow),
+        None,
+    ],
+)
 def test_a_client_that_never_reads_loses_its_place(monkeypatch, message):
     monkeypatch.setattr(conversation, "UNREAD_S", 0.3)
     monkeypatch.setattr(server, "PING_S", 1.0)
@@ -237,6 +245,7 @@ def test_what_piles_up_is_ended(monkeypatch, flood, bound):
     running.stop()
 
 
+@pytest.mark.slow
 def test_a_process_with_few_open_files_serves_on(tmp_path):
     (tmp_path / "small.toml").write_text(SMALL_PAPER)
     command = f"ulimit -n 110; exec {sys.executable} -m sonospline serve --port 0 --json --scene small.toml"

@@ -208,10 +208,11 @@ def test_tricks_over_the_wire_open_nothing(running, lines, status):
     assert b"hello" not in answer
 
 
-def test_who_is_turned_away_takes_no_place(running):
+def test_who_is_turned_away_takes_no_place_and_leaves_no_trace(running, caplog):
     for _ in range(20):
         assert status_of(running, Origin="http://evil.example")[0] == 403
     assert not running.server.connections
+    assert not caplog.records
 
 
 PATHS = [

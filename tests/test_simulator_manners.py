@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import random
 import socket
 import threading
 import time
@@ -11,8 +12,11 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator.connection import MOST_REFUSALS, Connection
+from sonospline.simulator import manners
+from sonospline.simulator.connection import MOST_COMMANDS, MOST_REFUSALS, Connection
 from sonospline.simulator.library import Library
+from sonospline.simulator.manners import MOST_MESSAGES_S, REFUSALS_S, Manners
+from sonospline.simulator.messages import MessageError
 from sonospline.simulator.outbox import Outbox
 
 
@@ -189,3 +193,83 @@ def test_rough_use_leaves_the_server_well(tmp_path):
     assert result["frames"] > 20
     assert (result["out_of_order"], result["refused"], result["faults"]) == (0, [], [])
     assert result["threads"]["after"] <= result["threads"]["before"]
+
+
+def test_messages_in_a_row_are_answered_in_a_row(running):
+    with Client(running) as page:
+        page.text("scene")
+        for _ in range(MOST_MESSAGES_S // 2):
+            page.send(type="ping")
+        for _ in range(MOST_MESSAGES_S // 2):
+            page.text("pong")
+
+
+def test_the_rate_is_counted_over_a_second_and_refusals_over_ten(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(manners.time, "monotonic", lambda: now[0])
+    client = Manners()
+    for _ in range(MOST_MESSAGES_S):
+        client.came()
+    now[0] += 0.99
+    with pytest.raises(MessageError, match=f"came too fast; send at most {MOST_MESSAGES_S} a second"):
+        client.came()
+    now[0] += 0.01
+    client.came()
+    assert [client.refused() for _ in range(MOST_REFUSALS)] == [False] * (MOST_REFUSALS - 1) + [True]
+    now[0] += REFUSALS_S
+    assert not client.refused()
+
+
+def test_commands_do_not_pile_up_behind_a_page_that_draws_nothing(running, page):
+    """Paced by the rate that is let in, for one second and a bit more."""
+    page.frame(page.ask(depth=5.0))
+    for _ in range(2):
+        page.frame(draw=False)
+    runner = running.server.places.connections[page.hello["session"]]._runner
+    while runner.waiting < MOST_COMMANDS:
+        page.send(type="undo_pass")
+        time.sleep(1.1 / MOST_MESSAGES_S)
+    page.send(type="undo_pass")
+    assert "say which frames were drawn" in page.text("refused")["message"]
+    assert runner.waiting <= MOST_COMMANDS
+    page.send(type="drawn", frame=page.frames[-1])
+    page.frame(page.ask(depth=6.0))
+
+
+@pytest.mark.slow
+def test_threads_and_places_stay_flat(running):
+    """Clients that come, ask and leave in every way, one after the other."""
+    with Client(running) as page:
+        page.ready()
+        page.send(type="open_scene", name="x.toml", text=SMALL_PAPER)
+        page.text("scene")
+        others = len(running.server.connections) - 1
+    chance, threads = random.Random(13), None
+    for number in range(60):
+        client = Client(running).__enter__()
+        for what in chance.sample(("scene", "state", "other scene", "nothing"), 2):
+            if what == "scene":
+                client.text("scene")
+            elif what == "other scene":
+                client.send(type="open_scene", name="x.toml", text=SMALL_PAPER)
+        if chance.random() < 0.5:
+            client.socket.socket.shutdown(socket.SHUT_RDWR)
+        with contextlib.suppress(Exception):
+            client.__exit__(None, None, None)
+        if number == 20:
+            until(lambda: len(running.server.connections) <= others)
+            threads = server_threads()
+    until(lambda: len(running.server.connections) <= others)
+    assert sorted(server_threads()) == sorted(threads)
+
+
+def server_threads():
+    """Names of the threads that are not the clients'."""
+    return [thread.name for thread in threading.enumerate() if "recv_events" not in thread.name]
+
+
+def until(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)

@@ -61,10 +61,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         else:
             _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
 
-    code: Any = 0
+    code: Any = 1
     try:
         with contextlib.suppress(KeyboardInterrupt):  # the way to end it
             server.run(ready)
+        code = 0
     except SystemExit as end:  # another: SIGTERM
         code = end.code
         raise

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _POLL_S = 0.005
-_MOST_COMMANDS = 240
+MOST_COMMANDS = 240
 """Commands that may wait for a page that draws no frames."""
 POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
@@ -178,8 +178,8 @@ class Connection:
 
     def _command(self, command: Callable[[Session], None]) -> None:
         _, runner = self._ready("message")
-        if runner.waiting >= _MOST_COMMANDS:
-            raise MessageError("message", f"comes after {_MOST_COMMANDS} that wait; say which frames were drawn")
+        if runner.waiting >= MOST_COMMANDS:
+            raise MessageError("message", f"comes after {MOST_COMMANDS} that wait; say which frames were drawn")
         runner.do(command)
 
     def _ready(self, what: str, seq: int | None = None) -> tuple[Session, Runner]:

@@ -54,6 +54,7 @@ async def _take(websocket: Any, connection: Connection) -> None:
         if event["type"] == "websocket.disconnect":
             return
         connection.take(event.get("text"))
+        await asyncio.sleep(0)  # messages may wait in a row: let answers leave, and others have their turn
 
 
 async def _send(websocket: Any, outbox: Outbox) -> None:

@@ -46,6 +46,10 @@ def websocket_protocol() -> type[asyncio.Protocol]:
     from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
     class BoundedWebSocket(WebSocketsSansIOProtocol):
+        async def send(self, message: Any) -> None:
+            await super().send(message)
+            self.handshake_complete |= self.close_sent  # by a refusal, too; else that is logged as a fault
+
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
             if self.transport.get_write_buffer_size() > MOST_UNREAD or len(self.frames) > MOST_PARTS:
