@@ -19,9 +19,25 @@ HOSTILE = (
     "1e308", "-1e308", "1e160", "1e-320", "nan", "inf", "-inf", "1e999", "0x7fffffff", "", "%d", "%s%n", "LIST",
     "LOCAL", "/dev/zero", "../..", "True", "(1,0", "none", "1_0",
 )  # fmt: skip
-KEYS = ("NDims", "DimSize", "ElementType", "TransformMatrix", "HeaderSize", "CompressedData", "CompressedDataSize",
-        "ElementNumberOfChannels", "ElementSpacing", "sizes", "dimension", "space directions", "byte skip", "line skip",
-        "type", "encoding", "spacings", "space origin", "measurement frame", "data file", "endian")  # fmt: skip
+HOSTILE += (
+    '"mm" ' * 300,
+    '"' + "m" * 5000,
+    "1 " * 500,
+    "(" * 300,
+    "(1,0,0) " * 40,
+    "9" * 400,
+    "a" * 40_000,
+    "domain " * 99,
+)
+KEYS = (
+    "NDims", "DimSize", "ElementType", "TransformMatrix", "HeaderSize", "CompressedData", "CompressedDataSize",
+    "ElementNumberOfChannels", "ElementSpacing", "ElementSize", "Position", "CenterOfRotation", "ElementMin", "Name",
+    "Comment", "ObjectSubType", "Color", "ID", "AnatomicalOrientation", "DistanceUnits", "Modality", "ImagePosition",
+    "SequenceID", "sizes", "dimension", "space directions", "byte skip", "line skip", "type", "encoding", "spacings",
+    "space origin", "measurement frame", "data file", "endian", "units", "labels", "kinds", "centers", "thicknesses",
+    "axis mins", "axis maxs", "content", "space units", "sample units", "space dimension", "number", "block size",
+    "min", "old max",
+)  # fmt: skip
 _NIFTI_FIELDS = [("h", 40 + 2 * k) for k in range(8)] + [("f", 76 + 4 * k) for k in range(8)]
 _NIFTI_FIELDS += [
     ("h", 70),

@@ -291,3 +291,36 @@ def test_voxels_that_are_no_numbers_one_can_reckon_with_are_refused(tmp_path):
     voxels[2, 3, 4] = np.nan
     path = write(tmp_path, {"v.mha": meta_image(ElementType="MET_DOUBLE") + voxels.tobytes(order="F")})
     assert np.isnan(read_volume(path).voxels).sum() == 1
+
+
+def test_what_a_user_wrote_into_a_header_is_no_matter(tmp_path):
+    """Programs keep the elements of a DICOM file, and whatever they like, beside what the format asks for."""
+    own = {"0008|0060": "CT", "my own key": "3 = 4", "patient": "a: b", "empty": "", "NDims2": -1}
+    lines = [
+        "0008|0060:=CT",
+        "Segment0_Name:=left: kidney",
+        "a:b:=c",
+        "odd=key:=y",
+        "# NRRD0004: x",
+        'labels: "i" "j" "k"',
+    ]
+    windows = meta_image().replace(b"Offset", b"notes = one\ntwo\n\nOffset").replace(b"\n", b"\r\n")
+    cases = {"v.mha": meta_image(**own) + BYTES, "v.nrrd": nrrd(*lines) + BYTES, "w.mha": windows + BYTES}
+    for name, content in cases.items():
+        assert np.array_equal(read_volume(write(tmp_path, {name: content})).voxels, STORED)
+
+
+def test_a_long_line_costs_no_time(tmp_path):
+    cases = {
+        "blanks.mha": meta_image(Comment="a" + 60_000 * " " + "b") + BYTES[1:],
+        "digits.mha": meta_image(Offset="0 0 " + 60_000 * "1" + "x") + BYTES,
+        "digits.nrrd": nrrd("measurement frame: (" + 900_000 * "1" + "x)") + BYTES,
+        "brackets.nrrd": nrrd("axis mins: " + 900_000 * "(") + BYTES,
+        "blanks.nrrd": nrrd("content:" + 900_000 * " " + "x") + BYTES[1:],
+        "lines.mha": b"a=b\n" * 200_000,
+        "units.nrrd": nrrd("units: " + 1000 * '"mm" ') + BYTES,
+        "label.nrrd": nrrd('labels: "' + 30_000 * "m") + BYTES,
+    }
+    with Reader(limit_s=10) as reader:
+        for name, content in cases.items():
+            assert reader.read(write(tmp_path, {name: content}))[0][0] == "refused"

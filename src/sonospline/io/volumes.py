@@ -132,7 +132,10 @@ def _voxels(header: Header, reader: Any) -> NDArray[Any]:
     if header.payload.packed and not header.scaled and reader.GetSize() == header.sizes:
         return header.unpacked()
     header.check_bytes()
-    return require("SimpleITK").GetArrayFromImage(reader.Execute()).transpose(2, 1, 0)
+    voxels: NDArray[Any] = require("SimpleITK").GetArrayFromImage(reader.Execute()).transpose(2, 1, 0)
+    if [n for n in voxels.shape if n > 1] != [n for n in header.sizes if n > 1]:
+        raise HeaderError(f"sizes {list(header.sizes)} that SimpleITK takes for {list(voxels.shape)}")
+    return voxels
 
 
 def _refuse_unfit(where: str, header: Header, reader: Any) -> None:

@@ -22,6 +22,7 @@ LARGEST_COSINE = 1e3
 """Of a direction matrix: far above 1, since it is the size that makes ITK loop; the rest it refuses by itself."""
 MOST_DIMENSIONS = 7
 
+_LONGEST_NUMBER, _LONGEST_NAME = 64, 255
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
 
@@ -119,7 +120,8 @@ def read_header(path: Path, name: str = "volume") -> Header:
 def numbers(field: str, text: str, count: int | None = None) -> list[float]:
     """Return the finite numbers of a header's field."""
     words = text.split()
-    if not all(_NUMBER.fullmatch(word) for word in words) or (count is not None and len(words) != count):
+    fit = all(len(word) <= _LONGEST_NUMBER and _NUMBER.fullmatch(word) for word in words)
+    if not fit or (count is not None and len(words) != count):
         raise HeaderError(f"{field} = {shown(text)}")
     return [float(word) for word in words]
 
@@ -147,6 +149,6 @@ def data_file(path: Path, text: str) -> Path:
     if not text or "%" in text or text.upper().startswith("LIST"):
         raise HeaderError(f"voxels in several files, {shown(text)}", "save the image as one file")
     data = path.parent / text
-    if not data.is_file():
+    if len(text.encode()) > _LONGEST_NAME or not data.is_file():
         raise HeaderError(f"its voxels are to be in {shown(text)}, which is no file here", "keep both together")
     return data

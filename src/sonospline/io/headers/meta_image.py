@@ -18,7 +18,17 @@ _LONGEST = 64 << 20
 _LONGEST_LINE = 1 << 16
 _MOST_DIMENSIONS = 4
 
-_LINE = re.compile(rb"[ \t]*([A-Za-z][\w.\-]*)[ \t]*[=:][ \t]*([^\r\n]*?)[ \t]*\r?\n?")
+_SEPARATOR = re.compile(rb"[=:]")
+_PLACES = ("Offset", "Position", "Origin")
+_MATRICES = ("TransformMatrix", "Rotation", "Orientation")
+_ORDERS = ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")
+_SCALE = {"ElementToIntensityFunctionSlope": 1.0, "ElementToIntensityFunctionOffset": 0.0}
+_KNOWN = {
+    *_PLACES, *_MATRICES, *_ORDERS, *_SCALE, "NDims", "DimSize", "ElementType", "ElementNumberOfChannels",
+    "ElementSpacing", "ElementSize", "CenterOfRotation", "HeaderSize", "BinaryData", "CompressedData",
+    "CompressedDataSize", "Kinds", "ElementDataFile",
+}  # fmt: skip
+"""Others are a user's own, such as the elements of a DICOM file."""
 _SEQUENCE = re.compile(r"Seq_Frame\d+_")
 _TYPES = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
@@ -50,11 +60,8 @@ def parse(path: Path, stream: BinaryIO) -> Header:
         dtype=_dtype(fields, _TYPES[kind]),
         channels=channels,
         spacing=_values(fields, ("ElementSpacing",), count) or place.get("ElementSize", ()),
-        origin=[
-            *_values(fields, ("Offset", "Position", "Origin"), count),
-            *place.get("CenterOfRotation", ()),
-        ],
-        direction=_values(fields, ("TransformMatrix", "Rotation", "Orientation"), count**2),
+        origin=[*_values(fields, _PLACES, count), *place.get("CenterOfRotation", ())],
+        direction=_values(fields, _MATRICES, count**2),
         payload=_payload(path, fields, stream.tell()),
         tracked=any(_SEQUENCE.match(name) for name in fields) or _named_recording(path, fields),
     )
@@ -66,11 +73,13 @@ def _fields(stream: BinaryIO) -> dict[str, str]:
     fields: dict[str, str] = {}
     while "ElementDataFile" not in fields:
         line = stream.readline(_LONGEST_LINE)
-        match = _LINE.fullmatch(line)
-        if match is None or stream.tell() > _LONGEST:
-            raise HeaderError("its header has no ElementDataFile" if not line else "its header is damaged")
-        name, value = match[1].decode(), match[2].decode(errors="replace")
-        if name in fields:
+        if not line or stream.tell() > _LONGEST:
+            raise HeaderError("its header has no ElementDataFile")
+        parts = [part.decode(errors="replace").strip() for part in _SEPARATOR.split(line, maxsplit=1)]
+        if len(parts) < 2:  # blank, or the rest of a user's own text of several lines
+            continue
+        name, value = parts
+        if name in fields and name in _KNOWN:
             raise HeaderError(f"its header has {shown(name)} twice")
         fields[name] = value
     return fields
@@ -83,24 +92,23 @@ def _needed(fields: dict[str, str], name: str) -> str:
 
 
 def _values(fields: dict[str, str], names: tuple[str, ...], count: int) -> list[float]:
-    """Numbers of the one field, among several of one meaning, that is there."""
+    """Numbers of a field that has several names."""
     found = [numbers(name, fields[name], count) for name in names if name in fields]
-    if len(found) > 1:
+    if any(values != found[0] for values in found):
         raise HeaderError(f"its header has more than one of {', '.join(names)}")
     return found[0] if found else []
 
 
 def _dtype(fields: dict[str, str], kind: str) -> np.dtype[Any]:
-    names = ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")
-    big = [_true(fields[name]) for name in names if name in fields]
+    big = [_true(fields[name]) for name in _ORDERS if name in fields]
     if len(set(big)) > 1:
-        raise HeaderError(f"{names[0]} and {names[1]} differ")
+        raise HeaderError(f"{' and '.join(_ORDERS)} differ")
     return np.dtype((">" if big and big[0] else "<") + kind)
 
 
 def _refuse_scaled(fields: dict[str, str]) -> None:
     """ITK would leave out a scale of the voxels in silence."""
-    for name, plain in (("ElementToIntensityFunctionSlope", 1.0), ("ElementToIntensityFunctionOffset", 0.0)):
+    for name, plain in _SCALE.items():
         if name in fields and numbers(name, fields[name], 1) != [plain]:
             raise HeaderError(f"{name} = {shown(fields[name])} is not applied", "save the image with its real values")
 

@@ -10,15 +10,19 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .errors import HeaderError
-from .header import Header, data_file, numbers, shown, whole
+from .header import LARGEST_MM, MOST_DIMENSIONS, Header, data_file, numbers, shown, whole
 from .payload import Payload
 
 _LONGEST = 64 << 20
 _LONGEST_LINE = 1 << 20
+_LONGEST_VALUE, _LONGEST_WORD = 1 << 12, 64
 _MOST_SKIPPED_LINES = 100_000
 
 _MAGIC = re.compile(rb"NRRD000[1-5]\r?\n")
+_KEY = re.compile(rb"(?:(?!: ).)*?:=")
+"""A key of the user's own and its value, ``key:=value``; a field is ``field: value``."""
 _SEQUENCE = re.compile(rb"Seq_Frame\d+_")
+_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"')
 _VECTOR = re.compile(r"\(([^()]*)\)|none")
 _ALIASES = {
     "datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip", "axismins": "axis mins",
@@ -56,20 +60,21 @@ def parse(path: Path, stream: BinaryIO) -> Header:
             raise HeaderError(f"its header lacks {name!r}")
     count = whole("dimension", fields["dimension"])
     sizes = tuple(whole("sizes", word) for word in fields["sizes"].split())
-    if not 1 <= count <= 7 or len(sizes) != count or min(sizes) < 1:
+    if not 1 <= count <= MOST_DIMENSIONS or len(sizes) != count or min(sizes) < 1:
         raise HeaderError(f"sizes = {shown(fields['sizes'])} with dimension = {count}")
     kind = fields["type"].lower()
     if kind not in _TYPES:
         raise HeaderError(f"type = {shown(kind)}", "save it with voxels that are numbers")
-    axes = _vectors("space directions", fields)
-    for name in ("measurement frame", "axis mins", "axis maxs"):
-        _refuse_wild(name, fields)
+    _check_plain(fields)
+    _check_axes(fields, count)
+    axes, frame = _vectors("space directions", fields, count), _vectors("measurement frame", fields, count)
     return Header(
         reader="NrrdImageIO",
         sizes=sizes,
         dtype=_dtype(fields, _TYPES[kind]),
         spacing=[sqrt(sum(x * x for x in axis)) for axis in axes] or _spacings(fields, count),
-        origin=[x for vector in _vectors("space origin", fields) for x in vector],
+        origin=[x for vector in _vectors("space origin", fields, 1) for x in vector],
+        direction=[x for vector in frame for x in vector],
         payload=_payload(path, fields, stream.tell()),
         tracked=tracked,
     )
@@ -84,15 +89,17 @@ def _fields(stream: BinaryIO) -> tuple[dict[str, str], bool]:
     while line := stream.readline(_LONGEST_LINE).rstrip(b"\r\n"):
         if stream.tell() > _LONGEST or len(line) >= _LONGEST_LINE - 2:
             raise HeaderError("its header is damaged")
-        name, colon, value = line.partition(b":")
-        if line.startswith(b"#") or value.startswith(b"="):
+        if line.startswith(b"#") or _KEY.match(line):
             tracked = tracked or bool(_SEQUENCE.match(line))
             continue
+        name, colon, value = line.partition(b":")
         field = name.decode(errors="replace").lower()
         field = _ALIASES.get(field, field)
         if not colon or field not in _KNOWN or field in fields:
             twice = "twice" if field in fields else "which is not known"
             raise HeaderError(f"its header has {shown(field)}, {twice}")
+        if len(value) > _LONGEST_VALUE:
+            raise HeaderError(f"{field} has {len(value):,} characters")
         fields[field] = value.decode(errors="replace").strip()
     return fields, tracked
 
@@ -104,30 +111,56 @@ def _dtype(fields: dict[str, str], letters: str) -> np.dtype[Any]:
     return np.dtype(_ORDERS.get(order, "<") + letters)
 
 
-def _vectors(name: str, fields: dict[str, str]) -> list[list[float]]:
+def _vectors(name: str, fields: dict[str, str], most: int) -> list[list[float]]:
     """Vectors of a field such as ``(1,0,0) none (0,0,2)``, without those that are none."""
     text = fields.get(name, "")
-    if _VECTOR.sub("", text).strip():
+    inside = [match[1] for match in _VECTOR.finditer(text)]
+    vectors = [numbers(name, text.replace(",", " ")) for text in inside if text is not None]
+    if _VECTOR.sub("", text).strip() or len(inside) > most or max(map(len, vectors), default=0) > MOST_DIMENSIONS:
         raise HeaderError(f"{name} = {shown(text)}")
-    return [numbers(name, match[1].replace(",", " ")) for match in _VECTOR.finditer(text) if match[1] is not None]
+    return vectors
+
+
+def _check_plain(fields: dict[str, str]) -> None:
+    """Refuse single values that are none: teem ends in a crash on long ones, where it says what is wrong."""
+    for name in ("min", "max", "old min", "old max"):
+        if name in fields and len(_known_numbers(name, fields)) > 1:
+            raise HeaderError(f"{name} = {shown(fields[name])}")
+    for name in ("number", "block size", "space dimension"):
+        whole(name, fields.get(name, "0"))
+    for name in ("space", "sample units"):
+        if len(fields.get(name, "")) > _LONGEST_WORD:
+            raise HeaderError(f"{name} = {shown(fields[name])}")
+
+
+def _check_axes(fields: dict[str, str], count: int) -> None:
+    """Refuse what does not give each axis its one value: teem ends in a crash on some of it."""
+    for name in ("spacings", "thicknesses", "axis mins", "axis maxs"):
+        known = _known_numbers(name, fields)
+        if name in fields and (len(fields[name].split()) != count or max(map(abs, known), default=0) > LARGEST_MM):
+            raise HeaderError(f"{name} = {shown(fields[name])} with dimension = {count}")
+    for name in ("kinds", "centers"):
+        words = fields.get(name, "").split()
+        if name in fields and (len(words) != count or max(map(len, words)) > _LONGEST_WORD):
+            raise HeaderError(f"{name} = {shown(fields[name])} with dimension = {count}")
+    for name in ("labels", "units", "space units"):
+        text = fields.get(name, "")
+        wrong = _QUOTED.sub("", text).strip() or len(_QUOTED.findall(text)) > count
+        if wrong or (name != "space units" and name in fields and len(_QUOTED.findall(text)) != count):
+            raise HeaderError(f"{name} = {shown(text)} with dimension = {count}")
+
+
+def _known_numbers(name: str, fields: dict[str, str]) -> list[float]:
+    """Numbers of a field, without those of axes that have none (nan)."""
+    return numbers(name, " ".join(word for word in fields.get(name, "").split() if word.lower() != "nan"))
 
 
 def _spacings(fields: dict[str, str], count: int) -> list[float]:
-    """Spacings; an axis that is not one of space may have none (nan)."""
-    text = fields.get("spacings", "")
-    words = text.split()
-    known = [word for word in words if word.lower() != "nan"]
-    if len(known) < len(words) and count <= 3:
-        raise HeaderError(f"spacings = {shown(text)}")
-    return numbers("spacings", " ".join(known))
-
-
-def _refuse_wild(name: str, fields: dict[str, str]) -> None:
-    """Refuse infinity and numbers that overflow; a value may be absent (nan, none)."""
-    words = re.sub(r"[(),]", " ", fields.get(name, "")).split()
-    for value in numbers(name, " ".join(word for word in words if word.lower() not in ("nan", "none"))):
-        if abs(value) > 1e9:
-            raise HeaderError(f"{name} = {shown(fields[name])}")
+    """Spacings; only an axis that is not one of space may have none."""
+    known = _known_numbers("spacings", fields)
+    if "spacings" in fields and len(known) < min(count, 3):
+        raise HeaderError(f"spacings = {shown(fields['spacings'])}")
+    return known
 
 
 def _payload(path: Path, fields: dict[str, str], header_end: int) -> Payload:
