@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sonospline as ss
+from sonospline._shown import figure, inside
 from sonospline.simulator import SceneFile
-from sonospline.simulator._fields import FieldError, figure, inside
+from sonospline.simulator._fields import FieldError
 from sonospline.simulator.scene_file import DisplayPart, ModelPart, NeedlePart, ProbePart, TissuePart
 from sonospline.simulator.wish import ImageWish, Limits, NeedleWish, ProbeWish, Wish
 from sonospline.ultrasound import Probe, Scene, Ultrasound, facing

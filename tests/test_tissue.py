@@ -1,9 +1,14 @@
 """The tissue: a grid and its pinned faces."""
 
+import re
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import sonospline as ss
+from sonospline.elastic import ElasticInsertion
+from sonospline.fem import Material
 
 
 @pytest.mark.parametrize("entry_face", ss.FACES)
@@ -37,3 +42,69 @@ def test_bad_tissue_is_refused():
         ss.Tissue(53)
     with pytest.raises(ValueError, match=r"entry_face = 'top' is not known; choose one of x-"):
         ss.Tissue(ss.Grid.unit_cube(3), entry_face="top")
+
+
+def header(rng, tilted):
+    """A box as a float32 header gives it, and a function from places (shares of the box) to printed points."""
+    shape, spacing = rng.integers(20, 400, 3), rng.uniform(0.3, 5, 3).astype(np.float32)
+    origin = rng.uniform(-400, 400, 3).astype(np.float32)
+    axes = Rotation.from_quat(rng.normal(size=4)).as_matrix() if tilted else np.diag(rng.choice([-1, 1], 3))
+    axes = axes.astype(np.float32)
+    sides = (shape - 1).astype(np.float32) * spacing
+    grid = ss.Grid.covering(sides.astype(float), nodes=1000, origin=origin, direction=axes)
+    return grid, lambda share: origin + axes @ (np.asarray(share, np.float32) * sides)
+
+
+PRINTS = {"float32": lambda point: [float(str(x)) for x in point], "3 decimals": lambda point: np.round(point, 3)}
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+@pytest.mark.parametrize("print_", PRINTS.values(), ids=PRINTS)
+def test_a_point_on_a_face_is_inside_however_it_was_printed(rng, print_, tilted):
+    for _ in range(200):
+        grid, place = header(rng, tilted)
+        share = rng.random(3)
+        share[rng.integers(3)] = rng.integers(2)
+        ss.Tissue(grid).check_inside(entry=np.array(print_(place(share)), float))
+
+
+@pytest.mark.parametrize("make", [ss.Insertion, ss.KelvinletInsertion, lambda t: ElasticInsertion(t, Material())])
+def test_every_model_takes_a_printed_face_as_the_face(make, rng):
+    grid, place = header(rng, tilted=True)
+    insertion = make(ss.Tissue(grid))
+    exact, printed = (
+        ss.Needle(as_(place((0, 0.4, 0.5))), as_(place((0.5, 0.5, 0.5))))
+        for as_ in (lambda point: point.astype(float), lambda point: np.round(point.astype(float), 3))
+    )
+    there, here = (insertion.advance(needle).on_grid().copy() for needle in (exact, printed))
+    assert np.abs(there - here).max() < 2e-3 * np.abs(there).max()
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+def test_a_point_outside_is_told_the_way_in(rng, tilted):
+    """What the message names is taken, and it names the face and the distance."""
+    for _ in range(50):
+        grid, _ = header(rng, tilted)
+        tissue = ss.Tissue(grid)
+        local = grid.extent / 2
+        axis = int(rng.integers(3))
+        local[axis] = grid.extent[axis] + 12.5
+        with pytest.raises(ValueError, match=f"12.5 beyond its face {'xyz'[axis]}[+];") as refused:
+            tissue.check_inside(tip=grid.world(local[None])[0])
+        numbers = [float(x) for x in re.findall(r"-?[\d.]+(?:e-?\d+)?", str(refused.value).split(";")[1])]
+        if tilted:
+            tissue.check_inside(tip=np.array(numbers))
+        else:
+            tissue.check_inside(low=np.array(numbers[::2]), high=np.array(numbers[1::2]))
+
+
+@pytest.mark.parametrize("share", [-1e-4, 1.0001])
+def test_a_point_a_little_outside_is_outside(share, a_tilted_grid):
+    tissue = ss.Tissue(a_tilted_grid)
+    with pytest.raises(ValueError, match="lies outside the tissue"):
+        tissue.check_inside(tip=a_tilted_grid.world((share * a_tilted_grid.extent)[None])[0])
+
+
+def test_distance_to_pinned_faces_by_hand(unit_tissue):
+    points = np.array([[0, 0.5, 0.5], [0.9, 0.5, 0.5], [0.5, 0.2, 0.7], [0.5, 0.5, 0], [1 + 1e-9, 0.5, 0.5]])
+    np.testing.assert_allclose(unit_tissue.distance_to_pinned(points), [0.5, 0.1, 0.2, 0, 0], atol=1e-12)

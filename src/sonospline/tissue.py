@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _validate
+from ._shown import inside
 from .grid import FACES, Grid
 
 Array = NDArray[np.float64]
+
+_PRINTED = 5e-6
+"""Of a coordinate's size: what is lost where it is printed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +63,36 @@ class Tissue:
         return np.maximum(from_both[:, pinned].min(axis=1), 0.0)
 
     def check_inside(self, **points: Array) -> None:
-        """Raise ValueError for the first of the named world points that lies outside the tissue."""
-        inside = self.grid.contains(np.array(list(points.values())))
-        if inside.all():
-            return
-        name, point = list(points.items())[int(inside.argmin())]
-        corners = self.grid.world(np.stack([np.zeros(3), self.grid.extent]))
-        low, high = np.round(corners.min(axis=0), 3), np.round(corners.max(axis=0), 3)
-        box = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
-        raise ValueError(f"{name} = {point.tolist()} lies outside the tissue; move it into {box}")
+        """Raise ValueError for the first of the named world points that lies outside the tissue.
+
+        A point on a face counts as inside however its coordinates were printed: to five
+        millionths of their size, which float32 headers and three decimals of a mm keep to.
+        """
+        for name, point in points.items():
+            beyond = self._beyond(point)
+            if not beyond.max() <= _PRINTED * (self.grid.extent.max() + np.abs(self._corners).max()):
+                raise ValueError(
+                    f"{name} = {point.tolist()} lies outside the tissue, {beyond.max():.3g} beyond its face "
+                    f"{FACES[int(beyond.argmax())]}; {self._way_in(point)}"
+                )
+
+    def _beyond(self, point: Array) -> Array:
+        """How far (6,) a point lies beyond each of :data:`FACES`; below zero where it is inside."""
+        local = self.grid.local(point[None])[0]
+        return np.stack([-local, local - self.grid.extent], axis=1).ravel()
+
+    @property
+    def _corners(self) -> Array:
+        """(8, 3) in the world."""
+        return self.grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * self.grid.extent)
+
+    def _way_in(self, point: Array) -> str:
+        if np.abs(self.grid.direction).max(axis=0).min() > 1 - _PRINTED:  # along the world's axes
+            low, high = self._corners.min(axis=0).tolist(), self._corners.max(axis=0).tolist()
+            ends = (inside(a, b) for a, b in zip(low, high, strict=True))
+            return "move it into " + " x ".join(f"[{a}, {b}]" for a, b in ends)
+        nearest = self.grid.world(np.clip(self.grid.local(point[None]), 0, self.grid.extent))[0]
+        return f"its box is tilted, move it towards the nearest point {np.round(nearest, 4).tolist()}"
 
     def boundary_drift(self, displacement: NDArray[np.floating]) -> float:
         """Return how far any pinned node moves in a displacement (nx, ny, nz, 3); ideally zero.

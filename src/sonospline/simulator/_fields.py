@@ -10,7 +10,7 @@ from dataclasses import MISSING, Field, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from .._shown import shown
+from .._shown import figure, shown
 
 T = TypeVar("T")
 
@@ -152,25 +152,6 @@ def _check_range(value: float, kind: type, path: tuple[str | int, ...], entry: F
     low, high = entry.metadata.get("low"), entry.metadata.get("high")
     if (low is not None and value < low) or (high is not None and value > high):
         raise FieldError(path, f"= {figure(value)} is out of range; give {_wanted(kind, entry)}")
-
-
-def figure(value: float) -> str:
-    """Return a number as short as it can be told from its neighbours: 400.0001 is not 400."""
-    if isinstance(value, int):
-        return shown(value)
-    return short if float(short := f"{value:g}") == value else repr(float(value))
-
-
-def inside(low: float, high: float, *, slack: float = 0.0) -> tuple[str, str]:
-    """Return the ends of a range to six figures, each within it or at most ``slack`` beyond: whoever takes one may."""
-    return _rounded(low, slack, up=True), _rounded(high, slack, up=False)
-
-
-def _rounded(value: float, slack: float, *, up: bool) -> str:
-    if value == 0 or not math.isfinite(value) or abs(float(f"{value:g}") - value) <= slack:
-        return f"{value:g}"
-    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 5)
-    return f"{(math.ceil if up else math.floor)(value / unit) * unit:g}"
 
 
 def _wanted(hint: Any, entry: Field[Any]) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ._fields import FieldError, figure, inside
+from .._shown import figure, inside
+from ._fields import FieldError
 
 Range = tuple[float, float]
 _SLACK = 1e-6
