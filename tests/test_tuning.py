@@ -14,7 +14,7 @@ import sonospline as ss
 from builds import run_without
 from sonospline import cli
 from sonospline.commands import _parameters, tune
-from sonospline.validation import front_files
+from sonospline.validation import front_files, parallel
 from sonospline.validation.insertions import tuning_insertions
 from sonospline.validation.objective import TUNABLES, Objective, errors_at_target, model_of
 from sonospline.validation.parallel import dask_executor, rows_in_parallel
@@ -240,8 +240,9 @@ def test_bad_input_is_one_line_exit_code_2_and_no_output(case, tmp_path, capsys)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "http://"])
-def test_a_scheduler_that_does_not_answer_is_refused(address, tmp_path, capsys, without_finite_elements):
+def test_a_scheduler_that_does_not_answer_is_refused(address, tmp_path, capsys, without_finite_elements, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra 'dask'")
+    monkeypatch.setattr(parallel, "ANSWER_S", 0.5)
     assert cli.main(["tune", *TINY, "--dask", address, "--out", str(tmp_path / "out")]) == 2
     assert "does not answer" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

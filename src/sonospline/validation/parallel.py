@@ -47,6 +47,10 @@ def rows_in_parallel(function: Function, *, workers: int, executor: Executor | N
         yield lambda rows: np.array(list(pool.map(_evaluate_held, rows)))
 
 
+ANSWER_S = 5.0
+"""A scheduler answers within that."""
+
+
 @contextmanager
 def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     """Yield an executor on a Dask cluster, and its number of threads.
@@ -64,8 +68,10 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
         ``distributed`` is not installed.
     """
     distributed = require("distributed")
+    comm, registry = require("distributed.comm"), require("distributed.comm.registry")
     try:
-        client = distributed.Client(address, timeout="5s", set_as_default=False)
+        registry.get_backend(comm.parse_address(address)[0])  # a client refused halfway takes seconds to close
+        client = distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ValueError(
             f"dask address = {address!r} does not answer ({_first_line(error)}); give a running scheduler's"
