@@ -46,10 +46,16 @@ has_headers() { python_says 'import os, sysconfig; os.stat(os.path.join(sysconfi
 
 # The headers of the library too: clang++ is often there without any.
 has_compiler() {
-    local compiler=${CXX:-c++}
-    # shellcheck disable=SC2086  # CXX may hold options, as for CMake
-    printf '#include <vector>\n' | $compiler -std=c++17 -x c++ -fsyntax-only - 2>/dev/null ||
-        { [ -z "${CXX:-}" ] && printf '#include <vector>\n' | g++ -std=c++17 -x c++ -fsyntax-only - 2>/dev/null; }
+    local compiler program='#include <vector>' options=(-std=c++17 -x c++ -fsyntax-only -)
+    if [ -n "${CXX:-}" ]; then
+        # shellcheck disable=SC2086  # it may hold options, as for CMake
+        $CXX "${options[@]}" 2>/dev/null <<<"$program"
+        return
+    fi
+    for compiler in c++ g++ clang++; do
+        "$compiler" "${options[@]}" 2>/dev/null <<<"$program" && return
+    done
+    return 1
 }
 
 has_node() { node -e 'process.exit(parseInt(process.versions.node) < 18 ? 1 : 0)' 2>/dev/null; }

@@ -248,8 +248,8 @@ def test_what_piles_up_is_ended(monkeypatch, flood, bound):
 @pytest.mark.slow
 def test_a_process_with_few_open_files_serves_on(tmp_path):
     (tmp_path / "small.toml").write_text(SMALL_PAPER)
-    command = f"ulimit -n 110; exec {sys.executable} -m sonospline serve --port 0 --json --scene small.toml"
-    process = subprocess.Popen(["bash", "-c", command], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    command = 'ulimit -n 110; exec "$0" -m sonospline serve --port 0 --json --scene small.toml'
+    process = subprocess.Popen(["bash", "-c", command, sys.executable], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     try:
         port = int(re.search(r":(\d+)/", process.stdout.readline())[1])
         with contextlib.ExitStack() as stack:

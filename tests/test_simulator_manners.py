@@ -173,7 +173,6 @@ def test_a_client_that_vanishes_leaves_nothing(running):
 def test_an_idle_session_is_closed():
     running = Running(idle_s=0.5)
     with Client(running) as page:
-        page.ready()
         with pytest.raises(websockets.ConnectionClosed) as caught:
             while True:
                 page.frame()
