@@ -124,7 +124,7 @@ def test_what_is_not_whole_is_seen(suffix, tmp_path):
     whole = data.read_bytes()
     for damaged in (whole[:-1], whole[: len(whole) // 2], whole[:-40] + bytes([whole[-40] ^ 1]) + whole[-39:]):
         data.write_bytes(damaged)
-        with pytest.raises((ValueError, EOFError, OSError, RuntimeError, writing.zlib.error)):
+        with pytest.raises((ValueError, EOFError, OSError, RuntimeError)):
             writing._compare(path, sitk.GetArrayViewFromImage(image))
 
 

@@ -14,10 +14,8 @@ from .. import _memory
 from .._extras import require
 from ..grid import Grid
 from ..volume import Volume
-from .headers import WHOLE, Header, HeaderError, read_header
+from .headers import SUFFIXES, WHOLE, Header, HeaderError, read_header
 from .writing import write_image
-
-SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
 _LARGEST_VOXEL = 1e30
 _CONVERT = "of a DICOM series: load it in 3D Slicer and save it as .nrrd, or use dcm2niix -z y"

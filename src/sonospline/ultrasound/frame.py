@@ -163,7 +163,8 @@ class Frame:
 
 def _read_picture(path: Path) -> Any:
     """An image of any type SimpleITK reads, as its own."""
-    from ..io.volumes import SUFFIXES, read_image
+    from ..io.headers import SUFFIXES
+    from ..io.volumes import read_image
 
     if path.name.lower().endswith(SUFFIXES):
         return read_image(path, "frame")

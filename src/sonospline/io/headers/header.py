@@ -16,6 +16,8 @@ from ..files import open_file
 from .errors import HeaderError
 from .payload import Payload
 
+SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
+
 LARGEST_MM = 1e9
 """Coordinates and spacings beyond are no millimetres of anybody's."""
 LARGEST_COSINE = 1e3

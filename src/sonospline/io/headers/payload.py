@@ -66,7 +66,7 @@ class Payload:
             return self.there * _MOST_A_DIGIT
         if not self.packed:
             return self.there - self.skip
-        return sum(len(piece) for piece in self._pieces(wanted)) - self.skip
+        return sum(len(piece) for piece in self.pieces(wanted))
 
     def unpacked(self, wanted: int) -> NDArray[np.uint8]:
         """Return so many bytes of voxels of a compressed stream.
@@ -76,27 +76,33 @@ class Payload:
         HeaderError
             A stream that is damaged or cut, or holds fewer.
         """
-        unpacked, filled = np.empty(wanted, np.uint8), -self.skip
-        for piece in self._pieces(wanted):
-            found = np.frombuffer(piece, np.uint8)[max(0, -filled) : max(0, wanted - filled)]
-            start = max(filled, 0)
-            unpacked[start : start + len(found)] = found
-            filled += len(piece)
+        unpacked, filled = np.empty(wanted, np.uint8), 0
+        for piece in self.pieces(wanted):
+            found = np.frombuffer(piece, np.uint8)[: wanted - filled]
+            unpacked[filled : filled + len(found)] = found
+            filled += len(found)
         if filled < wanted:
             raise HeaderError("fewer bytes than voxels")
         return unpacked
 
-    def _pieces(self, wanted: int) -> Iterator[bytes]:
-        """What the stream unpacks to, to its end or somewhat further than wanted."""
-        if self.there * _MOST_EXPANSION < wanted:
+    def pieces(self, wanted: int) -> Iterator[bytes]:
+        """Yield the voxels' bytes, unpacked, to their end; of a packed stream, to somewhat further than wanted.
+
+        Raises
+        ------
+        HeaderError
+            A compressed stream that is damaged or cut.
+        """
+        if self.packed and self.there * _MOST_EXPANSION < wanted:
             return
-        left = wanted + self.skip + _FURTHER
+        skip, left = self.skip, wanted + _FURTHER
         with open_file(self.path, "volume", "the path of an image file") as stream:
             stream.seek(self.offset)
-            for piece in _unpacked(stream, self.there):
-                yield piece
-                left -= len(piece)
-                if left <= 0:  # what follows is nobody's
+            for piece in (_unpacked if self.packed else _plain)(stream, self.there):
+                yield piece[skip:]
+                left -= max(0, len(piece) - skip)
+                skip = max(0, skip - len(piece))
+                if self.packed and left <= 0:  # what follows is nobody's
                     return
 
 
@@ -106,6 +112,13 @@ def unpack(stream: BinaryIO, wanted: int) -> bytes:
         return zlib.decompressobj(47).decompress(stream.read(wanted + _CHUNK), wanted)
     except zlib.error as error:
         raise HeaderError(str(error)) from None
+
+
+def _plain(stream: BinaryIO, left: int) -> Iterator[bytes]:
+    """What a stream holds, piece by piece."""
+    while piece := stream.read(min(_CHUNK, left)):
+        yield piece
+        left -= len(piece)
 
 
 def _unpacked(stream: BinaryIO, left: int) -> Iterator[bytes]:
