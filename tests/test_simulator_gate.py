@@ -229,6 +229,15 @@ def test_a_place_is_free_at_once_when_the_socket_dies():
     running.stop()
 
 
+def test_what_a_proxy_says_of_a_client_does_not_make_it_a_stranger(running, monkeypatch):
+    """A header that names another client: the connection is still known as its own, and stays."""
+    monkeypatch.setattr(gate, "ANSWER_S", 0.1)
+    with Client(running, additional_headers={"X-Forwarded-For": "10.0.0.1"}) as page:
+        page.ready()
+        until(lambda: running.server.gate.guests == 0)
+        page.frame(page.ask(depth=4.0))
+
+
 @pytest.mark.parametrize(
     ("flood", "bound"),
     [(frame(0x89, b"p" * 125) * 500, "MOST_UNREAD"), (frame(0x01, b"") + frame(0x00, b"") * 500, "MOST_PARTS")],

@@ -244,11 +244,16 @@ def guarded(headers):
     assert "unsafe" not in policy
 
 
-def test_refused_sockets_and_nonsense_carry_the_headers_too(running):
+def test_refused_sockets_and_nonsense_carry_the_headers_too(running, caplog):
     guarded(status_of(running, Origin="http://evil.example")[2])
     answer = raw(running, b"nonsense\r\n\r\n").decode()
     assert answer.startswith("HTTP/1.1 400")
     assert "x-frame-options: DENY" in answer
+    here = b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    raw(running, here + b"Upgrade: h2c\r\nConnection: Upgrade, close\r\n\r\n")
+    no_text = b"\x81\x82\0\0\0\0\xff\xff"
+    raw(running, here + UPGRADE + no_text)
+    assert not caplog.records
 
 
 def test_static_files_carry_the_headers(running):

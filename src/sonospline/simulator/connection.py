@@ -201,7 +201,7 @@ class Connection:
 
         file = name if text is not None else None
         try:
-            session = await asyncio.wrap_future(self._library.order(name, text, progress, self._wanted))
+            session = await asyncio.wrap_future(self._library.order(name, text, progress, lambda: not self._closed))
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -213,10 +213,6 @@ class Connection:
             await self._end()
             self._library.tidy()
             self._start(name, session)
-
-    def _wanted(self) -> bool:
-        """Whether the client is still there; asked by whoever works for it."""
-        return not self._closed
 
     async def _end(self) -> None:
         runner, self._runner, self._session = self._runner, None, None
@@ -245,7 +241,7 @@ class Connection:
     async def _bring_meshes(self, session: Session) -> None:
         world = session.world
         try:
-            geometry = await asyncio.wrap_future(self._library.geometry(session, self._wanted))
+            geometry = await asyncio.wrap_future(self._library.geometry(session, lambda: self._session is session))
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
             self._complain(f"the 3-D view has no surfaces: {error}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from typing import Any
 
 from .doorkeeper import RAW_HEADERS
@@ -14,10 +15,22 @@ MOST_PARTS = 1024
 """Pieces of one message."""
 
 
+class _StrangersNonsense(logging.Filter):
+    """Leaves out what uvicorn says, with a traceback even, of bytes that are no HTTP or no text: anybody sends such."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not record.msg.startswith(("Invalid ", "Unsupported upgrade", "No supported WebSocket"))
+
+
+_quiet = _StrangersNonsense()
+
+
 def http_protocol(gate: Gate) -> type[asyncio.Protocol]:
     """Return uvicorn's protocol for HTTP behind a gate."""
     import h11
     from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    logging.getLogger("uvicorn.error").addFilter(_quiet)
 
     class GatedHttp(H11Protocol):
         def connection_made(self, transport: Any) -> None:
@@ -52,7 +65,8 @@ def websocket_protocol() -> type[asyncio.Protocol]:
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
-            if self.transport.get_write_buffer_size() > MOST_UNREAD or len(self.frames) > MOST_PARTS:
+            parts = getattr(self, "frames", ())  # versions before 0.47 join them at once
+            if self.transport.get_write_buffer_size() > MOST_UNREAD or len(parts) > MOST_PARTS:
                 self.transport.abort()
 
     return BoundedWebSocket
