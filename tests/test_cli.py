@@ -136,7 +136,7 @@ BAD = {
     "too few nodes": (["--nodes", "3"], "--nodes = 3 is too small"),
     "unknown face": (["--entry-face", "left"], "entry_face = 'left'"),
     "one anchor": (["--anchors", "1"], "anchors = 1 is too small"),
-    "no landmarks": (["--max-landmarks", "0"], "max_landmarks = 0 is too small"),
+    "no landmarks": (["--max-landmarks", "0"], "--max-landmarks = 0 is too small"),
     "negative smoothing": (["--smoothing", "-1"], "smoothing = -1.0 is out of range"),
     "negative seed": (["--seed", "-1"], "seed = -1 is too small"),
     "negative parameter": (["--set", "shaft_pull=-1"], "shaft_pull = -1 is out of range"),

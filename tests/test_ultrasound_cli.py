@@ -52,7 +52,7 @@ def test_a_real_volume_is_cut_through_the_needle(tmp_path, capsys):
     [
         (["--origin", "1,2"], "--origin '1,2' is not a point"),
         (["--look", "1,0,0", "--origin", "0,0,0"], "parallel to depth"),
-        (["--depth", "0"], "depth_mm = 0"),
+        (["--depth", "0"], "--depth = 0.0 is out of range"),
         (["--entry", "1,2,3"], "--target is missing"),
         (["--volume", "none.mha"], "does not exist"),
         (["--labels", "none.nrrd", "--volume", "none.mha"], "both given"),

@@ -152,7 +152,7 @@ VERBS = {
     "insert": ["insert", "--nodes", "2000", "--steps", "2"],
     "insert .nii": ["insert", "--nodes", "2000", "--steps", "2", "--entry", "0,30,42", "--target", "62,44,42"],
     "image": ["image", "--voxel", "2", "--nodes", "4000", "--cine", "2", "--depth", "60"],
-    "tune": ["tune", "--side", "5", "--steps", "1", "--population", "4", "--generations", "1", "--workers", "1"],
+    "tune": ["tune", "--side", "9", "--steps", "1", "--population", "4", "--generations", "1", "--workers", "1"],
 }
 
 

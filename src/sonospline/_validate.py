@@ -43,12 +43,14 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
     return result
 
 
-def count(name: str, value: int, *, least: int = 1) -> int:
-    """Return a whole number of at least ``least``."""
+def count(name: str, value: int, *, least: int = 1, most: int | None = None) -> int:
+    """Return a whole number of at least ``least``, and at most ``most`` where that is given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise ValueError(f"{name} = {shown(value)} is not a whole number; give an integer of at least {least}")
     if value < least:
         raise ValueError(f"{name} = {shown(int(value))} is too small; give at least {least}")
+    if most is not None and value > most:
+        raise ValueError(f"{name} = {shown(int(value))} is too large; give at most {most}")
     return int(value)
 
 

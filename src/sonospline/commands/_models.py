@@ -16,11 +16,21 @@ from ..interaction import NeedleTissueModel
 from ..kelvinlet import DragModel, KelvinletInsertion
 from ..kernels import Biharmonic, Triharmonic
 from ..tissue import Tissue
-from . import _parameters
+from . import _limits, _parameters
 from ._progress import bar
 
 MODELS = ("paper", "kelvinlet", "elastic")
 KERNELS = {"biharmonic": Biharmonic, "triharmonic": Triharmonic}
+
+LIMITS: _limits.Limits = {
+    "max_landmarks": _limits.Whole(1, 1_000_000, bytes_each=16, power=2),
+    "solver_nodes": _limits.Whole(8, 10**10, bytes_each=500),
+    "smoothing": _limits.Real(0, 1e9),
+    "drag": _limits.Real(0, 1e4),
+    "stiffness": _limits.Real(0, 1e9),
+    "poisson": _limits.Real(-1, 0.5),
+}
+"""Of their numbers; where a model itself is stricter, it says so."""
 
 _ONLY = {
     "paper": ("parameters", "set", "kernel", "smoothing", "anchors", "max_landmarks", "accumulation"),
@@ -150,6 +160,7 @@ def _anchors(text: str) -> int | Literal["all"]:
     if text == "all":
         return "all"
     try:
-        return int(text)
+        count = int(text)
     except ValueError:
-        raise ValueError(f"--anchors {text!r} is not a number; give anchors along a face side, or all") from None
+        raise ValueError(f"--anchors {text[:40]!r} is not a number; give anchors along a face side, or all") from None
+    return _validate.count("--anchors", count, least=2, most=1000)

@@ -12,6 +12,8 @@ from ..interaction import NeedleTissueModel
 from ..io.files import read_text
 from ..io.toml_text import TomlError, loads
 
+_LONGEST_MM = 1e6
+
 NAMES = tuple(field.name for field in fields(NeedleTissueModel))
 
 
@@ -29,6 +31,9 @@ def apply(model: NeedleTissueModel, file: Path | None, settings: Sequence[str], 
         if not equals:
             raise ValueError(f"--set {setting!r} is not NAME=VALUE; write e.g. shaft_displacement=2.5")
         changes.update(_known("--set", {name.strip(): value}))
+    for name, value in changes.items():
+        if _validate.number(name, value) > _LONGEST_MM:
+            raise ValueError(f"{name} = {value} is out of range; give at most {_LONGEST_MM:g} mm")
     return replace(model, **changes)
 
 

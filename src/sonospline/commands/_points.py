@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
+
+
+def check(args: argparse.Namespace, *names: str) -> None:
+    """Raise ValueError for the first of these options that is given and is no point, used or not."""
+    for name in names:
+        if getattr(args, name) is not None:
+            parse(name, getattr(args, name))
 
 
 def parse(name: str, text: str) -> NDArray[np.float64]:

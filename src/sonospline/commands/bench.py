@@ -7,11 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .. import _core, _validate
+from .. import _core
 from .._canvas import attempt
 from ..benchmark import claims, live, machine, report, suite
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
+from . import _limits
 from ._progress import say
 
 HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run, or the live simulator"
@@ -23,6 +24,11 @@ EXAMPLES = """examples:
 
 Peers are optional: pip install 'sonospline[bench]'. One that is absent is a row that says so.
 """
+_LIMITS: _limits.Limits = {
+    "threads": _limits.Whole(1, 4096),
+    "rounds": _limits.Whole(1, 1000),
+    "seconds": _limits.Real(0.1, 86_400),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its results."""
-    processors = machine.pin(_validate.count("--threads", args.threads))
-    rounds = _validate.count("--rounds", args.rounds)
+    _limits.check(args, _LIMITS)
+    processors = machine.pin(args.threads)
     if _core.backend() != "core":
         raise RuntimeError("the compiled core is not in use, so there is nothing to race; see sonospline doctor")
     if args.live:
@@ -49,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with staged_folder(args.out, summary="bench.json") as folder:
         measure = _measure_quick if args.quick else _measure
         before = machine.processor_ticks()
-        results = {"machine": machine.describe(processors), **measure(rounds, say(quiet=args.quiet))}
+        results = {"machine": machine.describe(processors), **measure(args.rounds, say(quiet=args.quiet))}
         results["machine"]["withheld"] = machine.withheld_since(before)
         results["claims"] = [] if args.quick else claims.judge(results)
         write_json(folder / "bench.json", results)
@@ -67,10 +73,9 @@ def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
 
 
 def _live(args: argparse.Namespace, processors: list[int]) -> dict[str, Any]:
-    seconds = _validate.number("--seconds", args.seconds, positive=True)
     with staged_folder(args.out, summary="live.json") as folder:
         before = machine.processor_ticks()
-        results = {"machine": machine.describe(processors), **live.measure(args.scene, seconds)}
+        results = {"machine": machine.describe(processors), **live.measure(args.scene, args.seconds)}
         results["machine"]["withheld"] = machine.withheld_since(before)
         write_json(folder / "live.json", results)
         write_text(folder / "live.md", live.report(results) + "\n")

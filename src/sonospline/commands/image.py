@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core, _validate
+from .. import _core
 from .._extras import require
 from ..grid import Grid
 from ..grid_field import GridField
@@ -36,11 +36,20 @@ from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.scene import LARGEST_LABEL, Scene
 from ..ultrasound.synthesis import Display, Ultrasound
-from . import _folds, _points
+from . import _folds, _limits, _points
 from ._progress import track
 
 Array = NDArray[np.float64]
 _TIMED_FRAMES = 5
+_LIMITS: _limits.Limits = {
+    "seed": _limits.SEED,
+    "nodes": _limits.NODES,
+    "cine": _limits.Whole(0, 10_000, bytes_each=2_000_000),
+    "frequency": _limits.Real(0.1, 100),
+    "depth": _limits.Real(1, 1000),
+    "gain": _limits.Real(-200, 200),
+    "dynamic_range": _limits.Real(1, 300),
+}
 
 View = Callable[[GridField | None, Needle | None, int], Frame]
 
@@ -101,9 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its summary."""
-    _validate.count("--seed", args.seed, least=0)
-    _validate.count("--cine", args.cine, least=0)
-    _validate.count("--nodes", args.nodes, least=8)
+    _limits.check(args, _LIMITS)
+    _points.check(args, "entry", "target", "origin", "look", "right")
     if args.volume is not None and args.labels is not None:
         raise ValueError("--volume and --labels were both given; give the one to image")
     sight = _volume(args) if args.volume is not None else _rendered(args)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core, _validate
+from .. import _core
 from .._canvas import attempt
 from ..elastic import ElasticInsertion, TissueMap
 from ..elastic.strain import SMALL
@@ -32,7 +32,7 @@ from ..needle import Needle
 from ..phantom import default_needle, layered_block
 from ..tissue import Tissue
 from ..volume import Volume
-from . import _folds, _models, _points
+from . import _folds, _limits, _models, _points
 from ._progress import track
 
 Array = NDArray[np.float64]
@@ -89,7 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its summary."""
-    _validate.count("seed", args.seed, least=0)
+    _limits.check(args, {"seed": _limits.SEED, "steps": _limits.STEPS, "nodes": _limits.NODES, **_models.LIMITS})
+    _points.check(args, "entry", "target")
     _models.check(args, args.defaults)
     suffix = suffix_of(args.volume) if args.volume else ".nrrd"
     tissues = _models.read_tissues(args)
@@ -191,7 +192,7 @@ def _volume(args: argparse.Namespace, tissues: TissueMap | None) -> Volume:
 
 
 def _insertion(args: argparse.Namespace, volume: Volume, path: Needle, tissues: TissueMap | None) -> NeedleInsertion:
-    grid = volume.grid(_validate.count("--nodes", args.nodes, least=8))
+    grid = volume.grid(args.nodes)
     face = grid.nearest_face(path.entry) if args.entry_face == "auto" else args.entry_face
     return _models.make(args, Tissue(grid, entry_face=face), tissues)
 

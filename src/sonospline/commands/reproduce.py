@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import _validate
 from .._canvas import attempt
 from .._extras import require
 from ..benchmark import machine
@@ -32,6 +31,7 @@ from ..validation.insertions import PlannedInsertion, held_out_insertions, tunin
 from ..validation.notebook import Notebook
 from ..validation.tuning import ParetoFront
 from ..volume import Volume
+from . import _limits
 from ._progress import say
 
 HELP = "regenerate the paper's tables and figures, and compare its claims"
@@ -55,13 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its results."""
-    seed = _validate.count("--seed", args.seed, least=0)
+    _limits.check(args, {"seed": _limits.SEED})
     for package in ("skfem", "pyamg", "pymoo"):
         require(package)
     if not args.quick:
         fenicsx.interpreter()  # said now, not after an hour
-    image = read_volume(args.image) if args.image else layered_block(seed)
-    plan = study.Plan.quick(seed) if args.quick else study.Plan.full(seed)
+    image = read_volume(args.image) if args.image else layered_block(args.seed)
+    plan = study.Plan.quick(args.seed) if args.quick else study.Plan.full(args.seed)
     notebook = _notebook(args.out, say(quiet=args.quiet))  # before the staging: it stays where a run fails
     with staged_folder(args.out, summary="results.json") as folder:
         results = study.run_study(plan, notebook)

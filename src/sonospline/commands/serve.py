@@ -45,14 +45,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Serve until Ctrl-C; return what was served."""
     # Before NumPy is loaded: the threads of its BLAS spin on the processors that draw the picture.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .. import _terminal, _validate
+    from .. import _terminal
     from ..simulator.server import Server
+    from . import _limits
 
-    idle_s = 60 * _validate.number("--idle", args.idle, positive=True)
-    sessions = _validate.count("--sessions", args.sessions)
+    _limits.check(
+        args,
+        {"port": _limits.Whole(0, 65_535), "sessions": _limits.Whole(1, 1000), "idle": _limits.Real(1e-3, 1e6)},
+    )
     server = Server(
-        _library(args), host=args.host, port=_validate.count("--port", args.port, least=0), token=args.token,
-        sessions=sessions, idle_s=idle_s,
+        _library(args), host=args.host, port=args.port, token=args.token, sessions=args.sessions,
+        idle_s=60 * args.idle,
     )  # fmt: skip
 
     def ready(address: str) -> None:

@@ -11,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .. import _validate
 from .._canvas import attempt
 from .._extras import require
 from ..grid import Grid
@@ -25,7 +24,7 @@ from ..validation.objective import TUNABLES, Objective, errors_at_target
 from ..validation.parallel import dask_executor, usable_processors
 from ..validation.reference import Reference
 from ..validation.tuning import GENERATIONS, POPULATION, ParetoFront, search
-from . import _parameters
+from . import _limits, _parameters
 from ._progress import bar, track
 
 HELP = "tune the model's parameters to finite elements with NSGA-II"
@@ -35,7 +34,14 @@ EXAMPLES = """examples:
   sonospline tune --side 13 --population 8 --generations 5 --json --out tuned
   sonospline tune --dask tcp://10.0.0.1:8786 --population 96 --generations 100 --out tuned
 """
-_LEAST_SIDE = 5
+_LIMITS: _limits.Limits = {
+    "side": _limits.Whole(5, 2000, bytes_each=10_000, power=3),
+    "steps": _limits.Whole(1, 1000),
+    "population": _limits.Whole(2, 100_000),
+    "generations": _limits.Whole(1, 1_000_000),
+    "seed": _limits.SEED,
+    "workers": _limits.Whole(1, max(64, 8 * usable_processors())),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,9 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its summary."""
-    for name, least in (("side", _LEAST_SIDE), ("steps", 1), ("population", 2), ("generations", 1), ("seed", 0)):
-        _validate.count(f"--{name}", getattr(args, name), least=least)
-    workers = usable_processors() if args.workers is None else _validate.count("--workers", args.workers)
+    _limits.check(args, _LIMITS)
+    workers = args.workers or usable_processors()
     require("pymoo")
     tissue = Tissue(Grid.unit_cube(args.side))
     with staged_folder(args.out) as folder, _executor(args.dask, workers) as (executor, parts):
