@@ -292,6 +292,31 @@ def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path, number, code):
     assert list(tmp_path.iterdir()) == []
 
 
+SWALLOWING = WAITING.replace(
+    "    time.sleep(60)",
+    """
+    try:
+        time.sleep(60)
+    except:
+        pass
+    try:
+        time.sleep(60)
+    finally:
+        time.sleep(2)  # what cleans up is not interrupted
+        pathlib.Path(sys.argv[1]).with_name("cleaned").touch()
+""",
+)
+
+
+def test_a_signal_that_a_library_swallows_is_raised_again(tmp_path):
+    command = [sys.executable, "-c", SWALLOWING, tmp_path / "out"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout.readline() == "ready\n"
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(30) == 143
+    assert [file.name for file in tmp_path.iterdir()] == ["cleaned"]
+
+
 def test_a_run_that_is_killed_is_cleared_by_the_next_one_alone(tmp_path):
     out = tmp_path / "out"
     out.mkdir()

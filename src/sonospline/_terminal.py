@@ -13,6 +13,8 @@ from typing import TextIO
 
 _ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
+_INSIST_S = 0.5
+
 
 @contextmanager
 def signals_that_clean_up() -> Iterator[None]:
@@ -30,13 +32,20 @@ def signals_that_clean_up() -> Iterator[None]:
     try:
         yield
     finally:
+        if hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0)
         for number in ours:
             if signal.getsignal(number) is _leave:
                 signal.signal(number, signal.SIG_DFL)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)
+    """Raise SystemExit, and again until it is on its way: compiled modules swallow one now and then."""
+    if hasattr(signal, "setitimer"):
+        signal.signal(signal.SIGALRM, lambda _, frame: _leave(number, frame))
+        signal.setitimer(signal.ITIMER_REAL, _INSIST_S)
+    if not isinstance(sys.exc_info()[1], SystemExit):  # where it is, somebody is cleaning up
+        raise SystemExit(128 + number)
 
 
 def say(text: str) -> None:
