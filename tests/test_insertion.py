@@ -286,7 +286,9 @@ def test_bad_run_is_refused_before_its_first_step(an_insertion):
         an_insertion.run(ENTRY, TARGET, steps=0)
     with pytest.raises(ValueError, match=r"steps = 2.5 is not a whole number"):
         an_insertion.run(ENTRY, TARGET, steps=2.5)
-    with pytest.raises(ValueError, match=r"target = \[2.0, 0.5, 0.5\] lies outside the tissue, 1 beyond its face x.; move it into"):
+    with pytest.raises(
+        ValueError, match=r"target = \[2.0, 0.5, 0.5\] lies outside the tissue, 1 beyond its face x.; move it into"
+    ):
         an_insertion.run(ENTRY, (2, 0.5, 0.5))
     with pytest.raises(ValueError, match="equals the entry"):
         an_insertion.run(ENTRY, ENTRY)

@@ -43,6 +43,17 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
     return result
 
 
+def real(name: str, value: float) -> float:
+    """Return a finite number of either sign."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} = {shown(value)} is not a number; give one") from None
+    if not np.isfinite(result):
+        raise ValueError(f"{name} = {value} is not finite; give a finite number")
+    return result
+
+
 def count(name: str, value: int, *, least: int = 1, most: int | None = None) -> int:
     """Return a whole number of at least ``least``, and at most ``most`` where that is given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):

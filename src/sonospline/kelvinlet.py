@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _definite, _validate
+from . import _core, _definite, _memory, _validate
 from .field import Field, Method
 from .grid import Grid
 from .grid_field import GridField
@@ -234,14 +234,7 @@ class KelvinletInsertion(NeedleInsertion):
                 f"anchors = {anchors} along each side are too near to one another for the kernel's width = "
                 f"{self.model.kernel.width:g} (reciprocal condition {condition:.1e}); give fewer, or a narrower kernel"
             )
-        extent = tissue.grid.extent
-        cells = np.ceil(extent * _NODES_PER_WIDTH / self.model.kernel.width).astype(int) + 1
-        self._lattice = Grid(
-            shape=(int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1),
-            spacing=tuple(extent / cells),
-            origin=tissue.grid.origin,
-            direction=tissue.grid.direction,
-        )
+        self._lattice = _lattice(tissue.grid, self.model.kernel.width)
         self.reset()
 
     def reset(self) -> None:
@@ -270,6 +263,9 @@ class KelvinletInsertion(NeedleInsertion):
 
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
         kernel = self.model.kernel
+        landmarks = needle.depth / self.model.spacing
+        dense = f"the model's spacing = {self.model.spacing:g}: the system of its {landmarks:.3g} landmarks"
+        _memory.refuse_beyond(int(min(250 * landmarks**2, 1e30)), dense, remedy="use a wider one")
         shaft = needle.at(np.linspace(0, 1, int(np.ceil(needle.depth / self.model.spacing)) + 1))
         follows = np.minimum(self.tissue.distance_to_pinned(shaft) / kernel.width, 1.0)
         wanted = np.outer(follows, self.model.drag * needle.direction).ravel()
@@ -280,3 +276,17 @@ class KelvinletInsertion(NeedleInsertion):
         on_shaft = _definite.solve(kernel.matrix(shaft, shaft) - across.T @ answer, wanted, most=most)
         forces = np.concatenate([-answer @ on_shaft, on_shaft]).reshape(-1, 3)
         return KelvinletField(kernel, np.concatenate([self.anchors, shaft]), forces, self.tissue.grid)
+
+
+def _lattice(grid: Grid, width: float) -> Grid:
+    """The nodes that a field of kernels of a width is kept on, over a grid's box."""
+    cells = grid.extent * _NODES_PER_WIDTH / width
+    wanted = int(min(40 * float(np.prod(cells + 2)), 1e30))
+    _memory.refuse_beyond(wanted, f"the kernel's width = {width:g}: its lattice", remedy="use a wider kernel")
+    cells = np.ceil(cells).astype(int) + 1
+    return Grid(
+        shape=(int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1),
+        spacing=tuple(grid.extent / cells),
+        origin=grid.origin,
+        direction=grid.direction,
+    )

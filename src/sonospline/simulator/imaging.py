@@ -101,6 +101,7 @@ class ReslicedImager(Imager):
         if needle is not None:
             paint_needle(grey, self._plane, needle, self._needle_mm)
         seen = self._fan if cut.mask is None else self._fan & cut.mask
+        seen = seen & ~np.isnan(grey)  # where the volume itself knows nothing
         return Frame(np.where(seen, np.clip(grey, 0, 255), 0).astype(np.uint8), self._plane, seen)
 
 
@@ -138,7 +139,10 @@ def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, fl
     """Return what counts as black and as white in a volume: bytes as they are, else all but the last per mille."""
     if voxels.dtype == np.uint8:
         return 0.0, 255.0
-    low, high = np.quantile(voxels[seen] if seen.any() else voxels, (0.001, 0.999))
+    shown = voxels[seen] if seen.any() else voxels
+    if np.issubdtype(shown.dtype, np.floating):
+        shown = shown[np.isfinite(shown)]
+    low, high = np.quantile(shown, (0.001, 0.999)) if shown.size else (0.0, 1.0)
     return float(low), float(max(high, low + 1e-6))
 
 

@@ -179,8 +179,9 @@ def as_bytes(pixels: NDArray[Any]) -> NDArray[np.uint8]:
     """Return grey levels as 8-bit; those of other types are scaled from their own black to their white."""
     if pixels.dtype == np.uint8:
         return np.ascontiguousarray(pixels)
-    low, high = float(np.nanmin(pixels)), float(np.nanmax(pixels))
-    return np.nan_to_num(255 * (pixels - low) / max(high - low, 1e-12)).astype(np.uint8)
+    known = pixels[np.isfinite(pixels)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return np.nan_to_num(255 * (np.clip(pixels, low, high) - low) / max(high - low, 1e-12)).astype(np.uint8)
 
 
 def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:

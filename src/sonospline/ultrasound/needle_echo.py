@@ -82,6 +82,8 @@ class NeedleEcho:
         _validate.choice("shape", self.shape, ("gaussian", "lorentzian"))
         for name in ("height", "width_deg", "diameter_mm", "core_speed"):
             _validate.number(name, getattr(self, name), positive=True)
+        _validate.number("floor", self.floor)
+        _validate.real("centre_deg", self.centre_deg)
 
     @classmethod
     def trocar(cls) -> NeedleEcho:

@@ -54,7 +54,7 @@ class ImagePlane:
         if len(spacing) != 2:
             raise ValueError(f"spacing_mm = {self.spacing_mm!r} is not one or two numbers; give mm along x and y")
         set_(self, "spacing_mm", tuple(_validate.number("spacing_mm", h, positive=True) for h in spacing))
-        set_(self, "corner_mm", tuple(float(c) for c in self.corner_mm))
+        set_(self, "corner_mm", tuple(_validate.real("corner_mm", c) for c in self.corner_mm))
 
     @classmethod
     def crossing(
