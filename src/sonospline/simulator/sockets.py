@@ -65,8 +65,7 @@ def websocket_protocol() -> type[asyncio.Protocol]:
 
         def data_received(self, data: bytes) -> None:
             super().data_received(data)
-            parts = getattr(self, "frames", ())  # versions before 0.47 join them at once
-            if self.transport.get_write_buffer_size() > MOST_UNREAD or len(parts) > MOST_PARTS:
+            if self.transport.get_write_buffer_size() > MOST_UNREAD or len(self.frames) > MOST_PARTS:
                 self.transport.abort()
 
     return BoundedWebSocket
