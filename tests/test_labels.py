@@ -1,9 +1,14 @@
 """Label maps: one reader, one rule for what is a label, background where they end, and their names."""
 
+import csv
 import os
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import sonospline as ss
 from sonospline.commands import image
@@ -321,7 +326,7 @@ def insert(tmp_path, capsys):
 
 
 def test_insert_warps_the_labels_beside_the_image(tmp_path, insert):
-    summary = insert("--labels", "organs.nii.gz", "--volume", "ct.nrrd", "--model", "elastic")
+    summary = insert("--labels", "organs.nii.gz", "--volume", "ct.nrrd", "--model", "elastic", "--solver-nodes", "2000")
     assert {"warped.nrrd", "warped_labels.nii.gz"} <= set(summary["files"])
     assert summary["volume_kind"] == "image"
     moved = ss.read_labels(tmp_path / "out" / "warped_labels.nii.gz").voxels
@@ -338,3 +343,43 @@ def test_insert_takes_a_label_map_for_what_it_is_and_says_so(tmp_path, insert, c
     assert insert("--volume", "organs.nii.gz", "--volume-kind", "image")["volume_kind"] == "image"
     assert len(np.unique(ss.read_labels(tmp_path / "out" / "warped.nii.gz").voxels)) > 10
     assert not caplog.text
+
+
+# --- whatever is in a file ---
+
+
+@given(st.dictionaries(st.integers(0, 10**6), st.text(st.characters(exclude_categories=("C", "Z")), min_size=1)))
+def test_what_a_spreadsheet_writes_is_what_is_read(names):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "names.csv")
+        for delimiter, encoding in ((",", "utf-8"), (";", "utf-8-sig"), ("\t", "utf-16")):
+            with path.open("w", newline="", encoding=encoding) as file:
+                writer = csv.writer(file, delimiter=delimiter, quoting=csv.QUOTE_ALL)
+                writer.writerows([("label", "name"), *names.items()])
+            assert read_names(path) == names
+
+
+@given(st.binary(max_size=300))
+def test_a_table_is_read_or_refused_in_one_line(content):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "names.csv")
+        for start in (b"", b"label,name\n", b"label;name\r\n1;"):
+            path.write_bytes(start + content)
+            try:
+                names = read_names(path)
+            except ValueError as error:
+                assert "names.csv" in str(error)
+                assert "\n" not in str(error)
+            else:
+                assert all(label >= 0 and name == name.strip() != "" for label, name in names.items())
+
+
+@given(st.integers(0, 65_535), st.floats(-0.01, 0.01), st.sampled_from([np.float32, np.float64]))
+def test_a_number_is_a_label_where_it_is_within_a_thousandth_of_one(label, off, kind):
+    stored = np.array(label + off, kind)
+    volume = labelled(np.full((2, 2, 2), stored))
+    if abs(float(stored) - label) <= 1e-3:
+        assert (LabelMap.of(volume).voxels == label).all()
+    else:
+        with pytest.raises(ValueError, match="a voxel of"):
+            LabelMap.of(volume)
