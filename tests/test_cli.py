@@ -148,6 +148,7 @@ BAD = {
         ["--volume", "nowhere.nrrd", "--entry", "1,1,1", "--target", "2,2,2"],
         "volume = 'nowhere.nrrd'",
     ),
+    "kind of no volume": (["--volume-kind", "labels"], "--volume-kind labels belongs to --volume"),
     "unknown file type": (["--volume", __file__], "unknown file type"),
 }
 

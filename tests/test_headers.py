@@ -191,6 +191,8 @@ def test_a_nifti_scale_that_readers_apply_differently_is_refused(tmp_path):
         ({"v.nrrd": nrrd(sizes="1048576 1048576 1048576") + BYTES}, "fewer bytes|would take"),
         ({"v.nrrd": nrrd(sizes="9 8 18446744073709551623") + BYTES}, "sizes"),
         ({"v.nrrd": nrrd(kind="block") + BYTES}, "type = 'block'"),
+        ({"v.nrrd": nrrd('space units: "m" "m" "m"') + BYTES}, "space units = 'm', and only millimetres are read"),
+        ({"v.mha": meta_image(DistanceUnits="um") + BYTES}, "DistanceUnits = 'um', and only millimetres are read"),
         ({"v.nii": nifti(shape=(32767,) * 3)}, "fewer bytes|would take"),
         ({"v.nii.gz": gzip.compress(nifti(shape=(2000, 2000, 800)))}, "fewer bytes|would take"),
         ({"v.nii": nifti(kind=1536)}, "voxels of type 1536"),

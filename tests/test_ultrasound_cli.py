@@ -56,6 +56,8 @@ def test_a_real_volume_is_cut_through_the_needle(tmp_path, capsys):
         (["--entry", "1,2,3"], "--target is missing"),
         (["--volume", "none.mha"], "does not exist"),
         (["--labels", "none.nrrd", "--volume", "none.mha"], "both given"),
+        (["--names", "organs.csv"], "--names belongs to --labels"),
+        (["--labels", "organs.nii.gz", "--table", "t.csv", "--ct", "ct.nii.gz"], "--ct belongs to --names"),
         (["--cine", "-1"], "--cine = -1"),
     ],
 )

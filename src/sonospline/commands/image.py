@@ -114,6 +114,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _points.check(args, "entry", "target", "origin", "look", "right")
     if args.volume is not None and args.labels is not None:
         raise ValueError("--volume and --labels were both given; give the one to image")
+    for name, needed in (("table", "labels"), ("names", "labels"), ("ct", "names")):
+        if getattr(args, name) is not None and getattr(args, needed) is None:
+            raise ValueError(f"--{name} belongs to --{needed}; give both or neither")
     sight = _volume(args) if args.volume is not None else _rendered(args)
     if args.cine:
         require("PIL.Image")  # said now, not after the frames

@@ -92,6 +92,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _limits.check(args, {"seed": _limits.SEED, "steps": _limits.STEPS, "nodes": _limits.NODES, **_models.LIMITS})
     _points.check(args, "entry", "target")
     _models.check(args, args.defaults)
+    if args.volume_kind != "auto" and args.volume is None:
+        raise ValueError(f"--volume-kind {args.volume_kind} belongs to --volume; give both or neither")
     suffix = suffix_of(args.volume) if args.volume else ".nrrd"
     tissues = _models.read_tissues(args)
     volume = _volume(args, tissues)

@@ -24,6 +24,7 @@ LARGEST_COSINE = 1e3
 """Of a direction matrix: far above 1, since it is the size that makes ITK loop; the rest it refuses by itself."""
 MOST_DIMENSIONS = 7
 
+_MILLIMETRES = ("mm", "millimeter", "millimeters", "millimetre", "millimetres", "", "?")
 _LONGEST_NUMBER, _LONGEST_NAME = 64, 255
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
@@ -138,6 +139,12 @@ def whole(field: str, text: str) -> int:
 def shown(text: str) -> str:
     """Return a value as an error shows it: short, on one line."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def refuse_other_units(field: str, unit: str) -> None:
+    """Refuse a length that is not in millimetres: ITK reads the number and leaves out its unit."""
+    if unit.lower() not in _MILLIMETRES:
+        raise HeaderError(f"{field} = {shown(unit)}, and only millimetres are read", "save it in mm")
 
 
 def data_file(path: Path, text: str) -> Path:

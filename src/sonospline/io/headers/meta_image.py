@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .errors import HeaderError
-from .header import Header, data_file, numbers, shown, whole
+from .header import Header, data_file, numbers, refuse_other_units, shown, whole
 from .payload import Payload
 
 _LONGEST = 64 << 20
@@ -26,7 +26,7 @@ _SCALE = {"ElementToIntensityFunctionSlope": 1.0, "ElementToIntensityFunctionOff
 _KNOWN = {
     *_PLACES, *_MATRICES, *_ORDERS, *_SCALE, "NDims", "DimSize", "ElementType", "ElementNumberOfChannels",
     "ElementSpacing", "ElementSize", "CenterOfRotation", "HeaderSize", "BinaryData", "CompressedData",
-    "CompressedDataSize", "Kinds", "ElementDataFile",
+    "CompressedDataSize", "Kinds", "DistanceUnits", "ElementDataFile",
 }  # fmt: skip
 """Others are a user's own, such as the elements of a DICOM file."""
 _SEQUENCE = re.compile(r"Seq_Frame\d+_")
@@ -50,6 +50,7 @@ def parse(path: Path, stream: BinaryIO) -> Header:
     if not 1 <= channels <= 64:
         raise HeaderError(f"ElementNumberOfChannels = {channels}")
     _refuse_scaled(fields)
+    refuse_other_units("DistanceUnits", fields.get("DistanceUnits", ""))
     sizes = tuple(whole("DimSize", word) for word in _needed(fields, "DimSize").split())
     if len(sizes) != count or min(sizes) < 1:
         raise HeaderError(f"DimSize = {shown(fields['DimSize'])} with NDims = {count}")

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .errors import HeaderError
-from .header import LARGEST_MM, MOST_DIMENSIONS, Header, data_file, numbers, shown, whole
+from .header import LARGEST_MM, MOST_DIMENSIONS, Header, data_file, numbers, refuse_other_units, shown, whole
 from .payload import Payload
 
 _LONGEST = 64 << 20
@@ -67,6 +67,7 @@ def parse(path: Path, stream: BinaryIO) -> Header:
         raise HeaderError(f"type = {shown(kind)}", "save it with voxels that are numbers")
     _check_plain(fields)
     _check_axes(fields, count)
+    _refuse_other_units(fields)
     axes, frame = _vectors("space directions", fields, count), _vectors("measurement frame", fields, count)
     return Header(
         reader="NrrdImageIO",
@@ -148,6 +149,16 @@ def _check_axes(fields: dict[str, str], count: int) -> None:
         wrong = _QUOTED.sub("", text).strip() or len(_QUOTED.findall(text)) > count
         if wrong or (name != "space units" and name in fields and len(_QUOTED.findall(text)) != count):
             raise HeaderError(f"{name} = {shown(text)} with dimension = {count}")
+
+
+def _refuse_other_units(fields: dict[str, str]) -> None:
+    """Refuse axes of space that are not in millimetres; other axes, of time or colour, have units of their own."""
+    kinds = fields.get("kinds", "").lower().split()
+    for place, unit in enumerate(_QUOTED.findall(fields.get("units", ""))):
+        if not kinds or kinds[place] in ("domain", "space"):
+            refuse_other_units("units", unit[1:-1])
+    for unit in _QUOTED.findall(fields.get("space units", "")):
+        refuse_other_units("space units", unit[1:-1])
 
 
 def _known_numbers(name: str, fields: dict[str, str]) -> list[float]:
