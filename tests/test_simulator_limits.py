@@ -97,3 +97,19 @@ def test_presets_take_the_samples_their_pulse_needs(frequency, depth):
 
 def test_usual_presets_keep_their_samples():
     assert {probe().samples for probe in (Probe.linear, Probe.curvilinear, Probe.phased)} == {1024}
+
+
+@pytest.mark.parametrize("model", ["kelvinlet", "paper"])
+@pytest.mark.parametrize("count", [15, pytest.param(250, marks=pytest.mark.slow)])
+def test_no_pose_within_the_limits_moves_tissue_further_than_the_needle_drags_it(rng, model, count):
+    session = Session(SceneFile.parse(SMALL), model=model)
+    limits, side = session.world.limits.needle, session.world.tissue.grid.side
+    wanted = {"kelvinlet": 1.2 * 0.0279, "paper": 1.05 * np.hypot(0.0266, 0.0041)}[model] * side
+    moved = 0.0
+    for _ in range(count):
+        session.step(session.wish.with_needle(depth=0.0))
+        pose = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in limits.items()}
+        pose["depth"] = float(rng.choice([0.06, 0.1, 0.3, 1.0, 10.0, limits["depth"][1]]))
+        values = session.step(session.wish.with_needle(**pose)).field.values
+        moved = max(moved, float(np.linalg.norm(values, axis=-1).max()))
+    assert 0.1 * wanted < moved <= wanted

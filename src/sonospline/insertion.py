@@ -31,7 +31,11 @@ _LANDMARKS_AHEAD = 96
 
 
 class NeedleInsertion(ABC):
-    """What every model of an insertion offers: the field a needle leaves, pose after pose."""
+    """What every model of an insertion offers: the field a needle leaves, pose after pose.
+
+    Insertions pickle and deep-copy, into other processes too; a copy goes on to the same bits
+    and shares nothing that changes with its original.
+    """
 
     tissue: Tissue
     field: Field
