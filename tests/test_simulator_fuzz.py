@@ -1,10 +1,11 @@
 """Nonsense of every kind, the same in every run: a message or a scene text is used, or refused in one line."""
 
-import contextlib
 import json
 import random
+import socket
 import threading
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -165,7 +166,7 @@ def test_nonsense_over_the_wire_leaves_the_server_well(running, tries):
         page.ready()
     threads = threading.active_count()
     while tried < tries:
-        with Client(running) as page, contextlib.suppress(websockets.ConnectionClosed):
+        with Client(running) as page, suppress(websockets.ConnectionClosed):
             page.text("scene")
             for _ in range(15):
                 tried += 1
@@ -179,6 +180,53 @@ def test_nonsense_over_the_wire_leaves_the_server_well(running, tries):
     while threading.active_count() > threads:
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+REQUESTS = [
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    b"GET /live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n",
+    b"POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 10\r\n\r\n0123456789",
+    b"GET /live?session=x&token=y HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    b"5\r\nhello\r\n0\r\n\r\n",
+    b"GET /assets/../../x HTTP/1.0\r\n\r\n",
+]
+PIECES = [
+    b"\r\n", b"\n", b"\0", b"%00", b"%ff", b"Host: x\r\n", b"Content-Length: -1\r\n", b"Expect: 100-continue\r\n",
+    b"A" * 70_000, b"Sec-WebSocket-Key: x\r\n", b"Upgrade: h2c\r\n", b"Sec-WebSocket-Protocol: ,,,\r\n", b"\xfc",
+    b"Sec-WebSocket-Extensions: permessage-deflate\r\n", b"Origin: http://[\r\n", b"X-Forwarded-For: 1.2.3.4\r\n",
+]  # fmt: skip
+
+
+def broken_request(chance):
+    request = bytearray(chance.choice(REQUESTS))
+    for _ in range(chance.choice((0, 1, 1, 2, 4, 8))):
+        at = chance.randrange(len(request))
+        match chance.randrange(4):
+            case 0:
+                request[at] = chance.randrange(256)
+            case 1:
+                request[at:at] = chance.choice(PIECES)
+            case 2:
+                del request[at : at + chance.randrange(10)]
+            case 3:
+                request += request[at:]
+    return bytes(request)
+
+
+@pytest.mark.parametrize("tries", [60, pytest.param(2_000, marks=pytest.mark.slow)])
+def test_nonsense_instead_of_requests_leaves_the_server_well(running, caplog, tries):
+    chance, said = random.Random(13), set()
+    for _ in range(tries):
+        with socket.create_connection(("127.0.0.1", running.port), timeout=20) as peer, suppress(ConnectionError):
+            peer.sendall(broken_request(chance))
+            peer.shutdown(socket.SHUT_WR)
+            answer = peer.recv(64)
+            assert not answer or answer.startswith(b"HTTP/1.1 ")
+            said.add(answer[9:12].decode())
+    assert {"400", "421"} <= said <= {"", "101", "200", "400", "403", "404", "405", "421", "426", "503"}
+    assert running.get("/healthz") == (200, "ok")
+    assert not caplog.records
 
 
 def test_a_scene_text_beyond_all_bounds_holds_nobody_up(running):

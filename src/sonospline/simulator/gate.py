@@ -45,8 +45,6 @@ class Gate:
         """Take in a connection; where there are too many, the longest silent one of the busiest peer ends."""
         self._at[_key(_address(transport))] = transport
         self._bear(transport, FIRST_REQUEST_S)
-        if len(self._guests) > self.most:
-            self._drop_one()
 
     def came(self, address: Any) -> None:
         """Note a request: there is time for the answer."""
@@ -85,6 +83,8 @@ class Gate:
             old.timer.cancel()
         timer = asyncio.get_running_loop().call_later(seconds, self._end, transport)
         self._guests[transport] = _Guest(_peer(_address(transport)), timer)
+        if len(self._guests) > self.most:
+            self._drop_one()
 
     def _drop_one(self) -> None:
         crowd = Counter(guest.peer for guest in self._guests.values())

@@ -88,7 +88,7 @@ class Server:
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
                 Doorkeeper(self._application(), self.guard, self.gate.came),
-                http=http_protocol(self.gate), ws=websocket_protocol(), ws_max_size=LONGEST,
+                http=http_protocol(self.gate), ws=websocket_protocol(self.gate), ws_max_size=LONGEST,
                 ws_per_message_deflate=False, ws_ping_interval=PING_S, ws_ping_timeout=PING_S, lifespan="on",
                 log_config=None, access_log=False, proxy_headers=False, server_header=False, backlog=_BACKLOG,
                 timeout_graceful_shutdown=_SHUTDOWN_S,

@@ -37,28 +37,35 @@ def http_protocol(gate: Gate) -> type[asyncio.Protocol]:
             super().connection_made(transport)
             gate.enter(transport)
 
-        def connection_lost(self, error: Exception | None) -> None:
+        def connection_lost(self, exc: Exception | None) -> None:
             gate.leave(self.transport)
-            super().connection_lost(error)
+            super().connection_lost(exc)
 
         def send_400_response(self, msg: str) -> None:
-            headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close"), *RAW_HEADERS]
-            for event in (
-                h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
-                h11.Data(data=msg.encode("ascii")),
-                h11.EndOfMessage(),
-            ):
-                self.transport.write(self.conn.send(event))
+            if self.cycle is not None:
+                self.cycle.disconnected = True  # what is being answered is not waited for any more
+            if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+                headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close"), *RAW_HEADERS]
+                for event in (
+                    h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
+                    h11.Data(data=msg.encode("ascii")),
+                    h11.EndOfMessage(),
+                ):
+                    self.transport.write(self.conn.send(event))
             self.transport.close()
 
     return GatedHttp
 
 
-def websocket_protocol() -> type[asyncio.Protocol]:
+def websocket_protocol(gate: Gate) -> type[asyncio.Protocol]:
     """Return uvicorn's protocol for WebSockets, which ends what piles up."""
     from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
     class BoundedWebSocket(WebSocketsSansIOProtocol):
+        def connection_lost(self, exc: Exception | None) -> None:
+            gate.leave(self.transport)
+            super().connection_lost(exc)
+
         async def send(self, message: Any) -> None:
             await super().send(message)
             self.handshake_complete |= self.close_sent  # by a refusal, too; else that is logged as a fault
