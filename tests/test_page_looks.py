@@ -109,7 +109,7 @@ def test_a_tablet_held_upright_has_a_wide_image_and_every_control_within_reach(d
     assert driver.evaluate("document.body.dataset.layout") == "tablet"
     assert driver.evaluate(OUT_OF_REACH) == []
     assert driver.evaluate(CLIPPED) == []
-    assert driver.page.locator("canvas.picture").bounding_box()["width"] > 0.7 * size[0]
+    assert driver.page.locator("canvas.picture").bounding_box()["width"] > 0.6 * size[0]
     driver.until("document.querySelector('canvas.view3d') !== null")
     driver.page.locator(".swap").tap()
     driver.until("document.body.classList.contains('swapped')")

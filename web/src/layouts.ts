@@ -1,5 +1,6 @@
 /** Which of the three layouts a window gets (a small one is compact, whatever the pointer), and the room around the image in each. */
 
+import type { Side } from "./image/corner";
 import type { Keep, Margins } from "./image/fit";
 import type { ProbeInfo } from "./protocol";
 
@@ -27,11 +28,17 @@ export function margins(layout: Layout, kind: ProbeInfo["kind"]): Margins {
 const READOUTS: Record<Layout, number> = { desktop: 190, compact: 0, tablet: 0 };
 const BEHIND_SCALE = 48;
 
-/** The read-outs stand on the side where the needle does not come in. */
-export function keep(layout: Layout, needleRight: boolean): Keep {
+/** Read-outs or inset stand on the side where the needle does not come in; upright, nothing stands over the image. */
+export function keep(layout: Layout, needleRight: boolean, upright = false): Keep {
   const room = READOUTS[layout];
-  if (needleRight && layout === "tablet") return { left: Infinity, right: 0 };
+  if (needleRight && layout === "tablet" && !upright) return { left: Infinity, right: 0 };
   return needleRight && room > 0 ? { left: room + BEHIND_SCALE, right: 0 } : { left: 0, right: room };
+}
+
+/** px of a corner that the read-outs take, seen from its pane; nothing where they stand below the image. */
+export function readoutCorner(layout: Layout, needleRight: boolean): { side: Side; width: number; height: number } | null {
+  if (layout !== "desktop") return null;
+  return needleRight ? { side: "left", width: 224, height: 442 } : { side: "right", width: 178, height: 442 };
 }
 
 export const RULER_X: Record<Layout, number> = { desktop: 40, compact: 38, tablet: 40 };

@@ -10,7 +10,7 @@ import { faceOrigin, Marks } from "../image/marks";
 import { Picture } from "../image/picture";
 import { Ruler } from "../image/ruler";
 import { sector, type Point, type Sector } from "../image/sector";
-import { keep, margins, RULER_X, type Layout } from "../layouts";
+import { keep, margins, readoutCorner, RULER_X, type Layout } from "../layouts";
 import type { FrameHeader, Scene, State } from "../protocol";
 import type { Session } from "../session";
 import { clamp } from "../vec";
@@ -18,6 +18,8 @@ import { inPlane, onTarget } from "./readouts";
 
 /** ms the hand may be ahead before its last drawn place is shown too. */
 const AHEAD = 100;
+/** px by which the image gives way at a time. */
+const GIVE_WAY = 8;
 /** px around the skin line that count as on it. */
 const NEAR = 16;
 
@@ -139,19 +141,33 @@ export class ImagePane {
     const header = frame?.header;
     this.view = sector(scene.probe, header?.state.image.depth ?? wish.image.depth);
     const raster: Raster = header ?? expected(this.view);
-    const box = fit(this.size, raster, margins(this.layout, scene.probe.kind), keep(this.layout, needleRight(scene)));
-    this.mapping = new Mapping(box, raster, this.size);
+    const mapping = this.layOut(scene, raster);
+    const { box } = mapping;
     const { style } = this.picture.canvas;
     style.left = `${box.left}px`;
     style.top = `${box.top}px`;
     style.width = `${box.width}px`;
     style.height = `${box.height}px`;
     const origin: Point = header ? faceOrigin(header) : [-this.view.low[0], -this.view.low[1]];
-    this.marks.drawWaiting(this.mapping, this.view, origin, !header);
+    this.marks.drawWaiting(mapping, this.view, origin, !header);
     toggle(this.element, "waiting", !header);
-    this.ruler.draw(this.mapping, origin[1], wish.image.depth, wish.image.focus);
+    this.ruler.draw(mapping, origin[1], wish.image.depth, wish.image.focus);
     this.writeCaption(header?.state ?? wish, scene);
     if (header) this.drawMarks(header, scene);
+  }
+
+  /** As large as can be; it gives way where the read-outs would stand over the sector. */
+  private layOut(scene: Scene, raster: Raster): Mapping {
+    const { layout, size } = this;
+    const right = needleRight(scene);
+    const corner = readoutCorner(layout, right);
+    const kept = keep(layout, right, window.innerHeight > window.innerWidth);
+    const room = margins(layout, scene.probe.kind);
+    for (let less = 0; ; less += GIVE_WAY) {
+      const box = fit(size, raster, corner ? { ...room, [corner.side]: room[corner.side] + less } : room, kept);
+      const mapping = (this.mapping = new Mapping(box, raster, size));
+      if (!corner || less > size.width / 4 || this.room(corner.side, 0, corner.height) >= corner.width) return mapping;
+    }
   }
 
   private drawFrame(header: FrameHeader): void {

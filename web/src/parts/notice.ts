@@ -3,6 +3,7 @@
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon, type IconName } from "../icons";
+import type { Side } from "../image/corner";
 import type { Blocked } from "../protocol";
 import type { Header } from "./header";
 import type { ImagePane } from "./imagePane";
@@ -91,12 +92,19 @@ export class NoticePart {
     const key = [element.textContent, side, dataset.layout, classList.contains("swapped"), pane.room(side, 0, Infinity), pane.element.clientWidth, pane.element.clientHeight].join("|");
     if (key === this.fitted) return;
     this.fitted = key;
-    const edge = (width: number) => (side === "left" ? element.offsetLeft + width : pane.element.clientWidth - element.offsetLeft);
-    for (const width of WIDTHS) {
-      element.style.width = `${width}px`;
-      const { offsetTop, offsetHeight } = element;
-      if (edge(width) + CLEAR <= pane.room(side, offsetTop - CLEAR, offsetTop + offsetHeight + CLEAR)) return;
+    // below the read-outs a wide sector may leave too little: then in the other corner
+    for (const elsewhere of dataset.layout === "desktop" ? [false, true] : [false]) {
+      toggle(element, "elsewhere", elsewhere);
+      if (WIDTHS.some((width) => this.fits(width, (side === "left") !== elsewhere ? "left" : "right"))) return;
     }
+  }
+
+  private fits(width: number, side: Side): boolean {
+    const { element, pane } = this;
+    element.style.width = `${width}px`;
+    const { offsetTop, offsetLeft, offsetHeight } = element;
+    const edge = side === "left" ? offsetLeft + width : pane.element.clientWidth - offsetLeft;
+    return edge + CLEAR <= pane.room(side, offsetTop - CLEAR, offsetTop + offsetHeight + CLEAR);
   }
 
   /** The gravest first. */
