@@ -29,7 +29,7 @@ demo:  ## push a needle into the generated phantom and say where the picture is
 
 tour:  ## the screenshots of docs/tour.md, by the browser tests
 	@$(SET_UP) dev page browser
-	SONOSPLINE_SCREENSHOTS=docs/images/tour SONOSPLINE_REQUIRE_BROWSER=1 $(PYTHON_HERE) -m pytest tests/test_page_looks.py -k pictures
+	SONOSPLINE_SCREENSHOTS=docs/images/tour SONOSPLINE_REQUIRE_BROWSER=1 $(PYTHON_HERE) -m pytest tests/test_page_looks.py -k 'pictures or upright'
 
 bench:  ## the claims that carry a time
 	@$(SET_UP) dev

@@ -58,17 +58,20 @@ WIDGETS = [
 ]
 
 
-def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive):
+@pytest.mark.parametrize(
+    "widgets", [WIDGETS[:1], pytest.param(WIDGETS[1:], marks=pytest.mark.slow)], ids=["scene", "all"]
+)
+def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive, widgets):
     driver = drive(script=LINK)
     driver.until("document.querySelector('canvas.view3d') !== null")
-    for k, use in enumerate(WIDGETS):
+    for use in widgets:
         use(driver.page)
         driver.until(FOCUSED)
         driver.until(f"{STATUS} === 'live'")
         driver.answered()
         before = driver.evaluate("link.shown")
         driver.page.keyboard.press("ArrowDown")
-        driver.until(f"link.shown > {before}"), k
+        driver.until(f"link.shown > {before}")
         driver.page.keyboard.press("Escape")
     assert driver.page.locator(".menu").is_hidden()
 
@@ -84,7 +87,7 @@ def test_the_other_hands_keys_act_while_a_button_is_held(drive):
     assert driver.knob("slide") == 0.5
 
 
-@pytest.mark.parametrize("name", ["Help", "scene"])
+@pytest.mark.parametrize("name", ["Help", pytest.param("scene", marks=pytest.mark.slow)])
 def test_who_opens_with_the_keyboard_comes_back_to_the_same_place(drive, name):
     driver = drive()
     page = driver.page

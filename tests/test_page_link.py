@@ -101,6 +101,7 @@ def test_a_pass_survives(drive, leave):
     page.keyboard.press("Escape")
 
 
+@pytest.mark.slow
 def test_a_key_held_over_a_reload_pushes_no_further(drive):
     driver = drive(script=LINK)
     driver.page.keyboard.down("ArrowDown")
@@ -111,6 +112,7 @@ def test_a_key_held_over_a_reload_pushes_no_further(drive):
     driver.page.keyboard.up("ArrowDown")
 
 
+@pytest.mark.slow
 def test_a_frozen_session_is_frozen_after_a_reload(drive):
     driver = drive(script=LINK)
     driver.hold("ArrowDown", f"{DEPTH} > 2")
@@ -135,6 +137,7 @@ def test_a_session_that_goes_on_in_another_page_is_not_taken_back(drive):
     driver.live()
 
 
+@pytest.mark.slow
 def test_a_server_at_work_is_busy_and_a_mute_one_is_lost(drive):
     """Frames that do not come are no lost connection: the server still gives signs of life."""
     driver = drive(script=LINK)
