@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-LONGEST_TEXT = 16 << 20
+LONGEST_TEXT = 4 << 20
 """Bytes of a table or a parameter file, at most."""
 
 _KINDS = {
@@ -72,7 +72,7 @@ def read_text(path: str | Path, name: str, wanted: str) -> str:
     Raises
     ------
     ValueError
-        As :func:`regular_file`; a file of more than 16 MiB; bytes that are not such text.
+        As :func:`regular_file`; a file of more than 4 MiB; bytes that are not such text.
     """
     with open_file(path, name, wanted) as stream:
         try:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .files import read_text
 
+_MOST_ROWS = 100_000
 _DELIMITERS = (",", ";", "\t")
 
 
@@ -43,6 +44,8 @@ def read_rows(path: str | Path, name: str, columns: tuple[str, ...], *, headless
     lines = _lines(read_text(path, name, wanted), path, name, wanted)
     if not lines:
         raise ValueError(f"{name} = {str(path)!r} is empty; give {wanted}")
+    if len(lines) > _MOST_ROWS:
+        raise ValueError(f"{name} = {str(path)!r} has {len(lines):,} lines; give at most {_MOST_ROWS:,}")
     first = [cell.lower() for cell in lines[0][1]]
     if headless and re.fullmatch(r"[+-]?\d+(\.0*)?", first[0]):
         headings = [*columns, *("",) * (len(first) - len(columns))]

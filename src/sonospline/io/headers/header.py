@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
@@ -25,6 +25,7 @@ LARGEST_COSINE = 1e3
 MOST_DIMENSIONS = 7
 
 _MILLIMETRES = ("mm", "millimeter", "millimeters", "millimetre", "millimetres", "", "?")
+_MOST_LINES, _LONGEST_LINE, _LONGEST_HEADER = 200_000, 1 << 17, 64 << 20
 _LONGEST_NUMBER, _LONGEST_NAME = 64, 255
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
@@ -118,6 +119,23 @@ def read_header(path: Path, name: str = "volume") -> Header:
         header = parsers[path.suffix.lower()](path, stream)
     header.check()
     return header
+
+
+def lines(stream: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of a file from where it stands, then nothing but empty ones.
+
+    Raises
+    ------
+    HeaderError
+        More lines, or longer ones, than any header has: what is read is no header, and could go on for ever.
+    """
+    start = stream.tell()
+    for _ in range(_MOST_LINES):
+        line = stream.readline(_LONGEST_LINE)
+        if len(line) == _LONGEST_LINE or stream.tell() - start > _LONGEST_HEADER:
+            break
+        yield line
+    raise HeaderError(f"its header has more than {_MOST_LINES:,} lines, or one of more than {_LONGEST_LINE:,} bytes")
 
 
 def numbers(field: str, text: str, count: int | None = None) -> list[float]:

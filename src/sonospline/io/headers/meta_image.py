@@ -10,12 +10,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .errors import HeaderError
-from .header import Header, data_file, numbers, refuse_other_units, shown, whole
+from .header import Header, data_file, lines, numbers, refuse_other_units, shown, whole
 from .payload import Payload
 
-_LONGEST = 64 << 20
-"""Bytes of a header: a recording has several lines a frame."""
-_LONGEST_LINE = 1 << 16
 _MOST_DIMENSIONS = 4
 
 _SEPARATOR = re.compile(rb"[=:]")
@@ -72,9 +69,8 @@ def parse(path: Path, stream: BinaryIO) -> Header:
 def _fields(stream: BinaryIO) -> dict[str, str]:
     """Names and values up to the last one, which names the data."""
     fields: dict[str, str] = {}
-    while "ElementDataFile" not in fields:
-        line = stream.readline(_LONGEST_LINE)
-        if not line or stream.tell() > _LONGEST:
+    for line in lines(stream):
+        if not line:
             raise HeaderError("its header has no ElementDataFile")
         parts = [part.decode(errors="replace").strip() for part in _SEPARATOR.split(line, maxsplit=1)]
         if len(parts) < 2:  # blank, or the rest of a user's own text of several lines
@@ -83,6 +79,8 @@ def _fields(stream: BinaryIO) -> dict[str, str]:
         if name in fields and name in _KNOWN:
             raise HeaderError(f"its header has {shown(name)} twice")
         fields[name] = value
+        if name == "ElementDataFile":
+            break
     return fields
 
 

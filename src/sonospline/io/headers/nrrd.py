@@ -10,11 +10,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .errors import HeaderError
-from .header import LARGEST_MM, MOST_DIMENSIONS, Header, data_file, numbers, refuse_other_units, shown, whole
+from .header import LARGEST_MM, MOST_DIMENSIONS, Header, data_file, lines, numbers, refuse_other_units, shown, whole
 from .payload import Payload
 
-_LONGEST = 64 << 20
-_LONGEST_LINE = 1 << 20
 _LONGEST_VALUE, _LONGEST_WORD = 1 << 12, 64
 _MOST_SKIPPED_LINES = 100_000
 
@@ -87,9 +85,10 @@ def _fields(stream: BinaryIO) -> tuple[dict[str, str], bool]:
         raise HeaderError("no NRRD header")
     fields: dict[str, str] = {}
     tracked = False
-    while line := stream.readline(_LONGEST_LINE).rstrip(b"\r\n"):
-        if stream.tell() > _LONGEST or len(line) >= _LONGEST_LINE - 2:
-            raise HeaderError("its header is damaged")
+    for ended in lines(stream):
+        line = ended.rstrip(b"\r\n")
+        if not line:
+            break
         if line.startswith(b"#") or _KEY.match(line):
             tracked = tracked or bool(_SEQUENCE.match(line))
             continue
@@ -176,13 +175,13 @@ def _spacings(fields: dict[str, str], count: int) -> list[float]:
 
 def _payload(path: Path, fields: dict[str, str], header_end: int) -> Payload:
     encoding = fields["encoding"].lower()
-    lines = whole("line skip", fields.get("line skip", "0"))
+    before = whole("line skip", fields.get("line skip", "0"))
     skip = whole("byte skip", fields.get("byte skip", "0"))
     detached = "data file" in fields
     data = data_file(path, fields["data file"]) if detached else path
-    if not 0 <= lines <= _MOST_SKIPPED_LINES or skip < -1 or (skip == -1 and encoding not in _RAW):
-        raise HeaderError(f"line skip = {lines} and byte skip = {skip}")
-    start = _after_lines(data, 0 if detached else header_end, lines)
+    if not 0 <= before <= _MOST_SKIPPED_LINES or skip < -1 or (skip == -1 and encoding not in _RAW):
+        raise HeaderError(f"line skip = {before} and byte skip = {skip}")
+    start = _after_lines(data, 0 if detached else header_end, before)
     if encoding in _PACKED:
         return Payload(path=data, offset=start, packed=True, skip=skip)
     if encoding in _RAW:
@@ -192,12 +191,12 @@ def _payload(path: Path, fields: dict[str, str], header_end: int) -> Payload:
     raise HeaderError(f"encoding = {shown(encoding)}", "save it with the encoding raw or gzip")
 
 
-def _after_lines(data: Path, start: int, lines: int) -> int:
+def _after_lines(data: Path, start: int, count: int) -> int:
     """Where the bytes after so many lines begin."""
-    if not lines:
+    if not count:
         return start
     with data.open("rb") as stream:
         stream.seek(start)
-        for _ in range(lines):
-            stream.readline()
+        for _ in zip(range(count), lines(stream), strict=False):
+            pass
         return stream.tell()
