@@ -251,8 +251,11 @@ def test_refused_sockets_and_nonsense_carry_the_headers_too(running, caplog):
     assert "x-frame-options: DENY" in answer
     here = b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     raw(running, here + b"Upgrade: h2c\r\nConnection: Upgrade, close\r\n\r\n")
-    no_text = b"\x81\x82\0\0\0\0\xff\xff"
-    raw(running, here + UPGRADE + no_text)
+    with Client(running) as page, pytest.raises(websockets.ConnectionClosed) as caught:
+        page.text("hello")
+        page.socket.socket.sendall(b"\x81\x82\0\0\0\0\xff\xff")  # no text
+        page.text("never")
+    assert caught.value.rcvd.code == 1007
     assert not caplog.records
 
 
