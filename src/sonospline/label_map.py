@@ -103,7 +103,8 @@ def looks_like_labels(volume: Volume) -> bool:
         labels = LabelMap.of(volume)
     except ValueError:
         return False
-    slices = labels.voxels[:: max(1, len(labels.voxels) // _SLICES)]
+    slabs = _slabs(labels.voxels)
+    slices = slabs[:: max(1, len(slabs) // _SLICES)]
     same, both = 0, 0
     for first, second in ((slices[:, 1:], slices[:, :-1]), (slices[:, :, 1:], slices[:, :, :-1])):
         inside = (first > 0) & (second > 0)
@@ -116,8 +117,8 @@ def _rounded(voxels: NDArray[Any], name: str, largest: int) -> NDArray[np.unsign
     """Whole numbers of the smallest type, from numbers that are nearly whole; slab by slab, to keep memory."""
     if not np.issubdtype(voxels.dtype, np.floating) and voxels.dtype != np.bool_:
         raise ValueError(f"{name} has voxels of type {voxels.dtype}; give whole numbers 0 to {largest}")
-    labels = np.empty(voxels.shape, np.min_scalar_type(largest))
-    for stored, found in zip(voxels, labels, strict=True):
+    labels = np.empty_like(voxels, np.min_scalar_type(largest))
+    for stored, found in zip(_slabs(voxels), _slabs(labels), strict=True):
         slab = stored.astype(np.float64)
         with np.errstate(invalid="ignore"):
             whole = np.rint(slab)
@@ -126,6 +127,11 @@ def _rounded(voxels: NDArray[Any], name: str, largest: int) -> NDArray[np.unsign
             raise _refusal(name, slab[wrong][0], largest)
         found[...] = whole
     return labels
+
+
+def _slabs(voxels: NDArray[Any]) -> NDArray[Any]:
+    """The voxels with the axis first along which they lie farthest apart in memory."""
+    return np.moveaxis(voxels, int(np.argmax(np.abs(voxels.strides))), 0)
 
 
 def _refusal(name: str, value: float, largest: int) -> ValueError:

@@ -29,6 +29,18 @@ def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
     ------
     ValueError
         A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import sonospline as ss
+    >>> from sonospline.io.volumes import write_volume
+    >>> from sonospline.volume import Volume
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_volume(Volume(voxels=np.full((4, 4, 4), 4.9999995), spacing=(1, 1, 1)), folder + "/organs.nrrd")
+    ...     int(ss.read_labels(folder + "/organs.nrrd").voxels.max())
+    5
     """
     return LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
 
