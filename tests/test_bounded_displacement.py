@@ -41,7 +41,7 @@ def test_a_kelvinlet_moves_nothing_further_than_the_drag(rng, name):
 @pytest.mark.parametrize("face", ss.FACES)
 @pytest.mark.parametrize("name", BOXES)
 def test_a_kelvinlet_moves_nothing_further_than_the_drag_in_any_box(rng, name, face, spacing):
-    assert 0.5 < kelvinlet_overshoot(rng, box(name, face, spacing), 60) < 1.2
+    assert 0.5 < kelvinlet_overshoot(rng, box(name, face, spacing), 25) < 1.2
 
 
 @pytest.mark.parametrize("width", [0.1, 0.4, 1.0])
