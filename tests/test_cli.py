@@ -362,3 +362,15 @@ def test_a_real_abdomen_in_one_command(shared_data, tmp_path, capsys):
     assert insert("--labels", labels, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["error_estimate"] <= 5e-3 and printed["max_displacement_mm"] > 0.5
+
+
+@pytest.mark.slow
+def test_a_needle_into_a_rib_of_a_real_abdomen_folds_and_is_refused(shared_data, tmp_path, capsys):
+    where = ["--entry", "137,310,158", "--target", "137,170,158", "--nodes", "150000", "--steps", "4", "--quiet"]
+    arguments = ["--labels", shared_data / "abdomen_labels.nii.gz", "--model", "elastic", *where]
+    assert insert(*arguments, "--out", tmp_path / "out") == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "the tissue folds over: det J = -" in error
+    assert not (tmp_path / "out").exists()
+    assert insert(*arguments, "--out", tmp_path / "out", "--json", "--allow-folds") == 0
+    assert json.loads(capsys.readouterr().out)["folded_nodes"] > 100

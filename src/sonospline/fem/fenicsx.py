@@ -149,4 +149,4 @@ class _Worker:
 def _end(process: subprocess.Popen[str], log: IO[str], folder: Path) -> None:
     with log, process:
         pass  # leaving it closes its input, which ends it, and waits
-    shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)  # made by mkdtemp for this worker alone
