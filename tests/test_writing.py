@@ -5,6 +5,7 @@ import os
 import resource
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,16 @@ def test_what_is_not_whole_is_seen(suffix, tmp_path):
         data.write_bytes(damaged)
         with pytest.raises((ValueError, EOFError, OSError, RuntimeError)):
             writing._compare(path, sitk.GetArrayViewFromImage(image))
+
+
+def test_threads_that_write_at_once_leave_stderr_as_it_was(tmp_path):
+    """Image libraries are kept silent while they write."""
+    before = os.fstat(2).st_ino
+    image = sitk.GetImageFromArray(np.ones((5, 6, 7), np.int16))
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda k: writing.write_image(image, tmp_path / f"{k}.nii"), range(40)))
+    assert os.fstat(2).st_ino == before
+    assert len(list(tmp_path.iterdir())) == 40
 
 
 def test_an_image_with_its_data_in_another_file_names_it(tmp_path):

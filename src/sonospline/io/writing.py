@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 from .._extras import require
 from .headers import SUFFIXES, read_header
 
+_SILENCE = threading.Lock()
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 
@@ -77,18 +79,19 @@ def _beside(path: Path) -> Iterator[Path]:
 @contextmanager
 def _silence() -> Iterator[None]:
     """Keep image libraries from telling the terminal what the exception, or the comparison, will say."""
-    try:
-        terminal = os.dup(2)
-    except OSError:  # the process has no stderr
-        yield
-        return
-    try:
-        with Path(os.devnull).open("wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        yield
-    finally:
-        os.dup2(terminal, 2)
-        os.close(terminal)
+    with _SILENCE:  # of two at once, the second would take the silence of the first for the terminal
+        try:
+            terminal = os.dup(2)
+        except OSError:  # the process has no stderr
+            yield
+            return
+        try:
+            with Path(os.devnull).open("wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
 
 
 def _compare(path: Path, voxels: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -102,6 +103,7 @@ def _hold(function: Function) -> None:
     """Keep the function in this worker, and the core on one thread: the processes share the processors."""
     global _held
     _held = function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the one that started us decides
     if _core.native is not None:
         _core.native.set_thread_count(1)
     Thread(target=_leave_with_the_parent, daemon=True).start()
