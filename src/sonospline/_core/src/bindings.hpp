@@ -11,6 +11,7 @@
 #include <string>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "buffers.hpp"
 #include "gil.hpp"
@@ -70,6 +71,17 @@ using Affine = Array<double, 4, 3>;
 /// The lengths of the first three axes.
 template <class A> std::array<std::size_t, 3> lattice_of(const A &array) {
     return {array.shape(0), array.shape(1), array.shape(2)};
+}
+
+/// The items of a sequence; what nanobind makes of one by itself ends the process where memory does.
+template <class Item> std::vector<Item> items_of(const nanobind::sequence &sequence) {
+    std::vector<Item> items;
+    for (const nanobind::handle item : sequence) {
+        Item read;
+        if (!nanobind::try_cast(item, read)) throw nanobind::type_error("an item of a sequence has another type");
+        items.push_back(std::move(read));
+    }
+    return items;
 }
 
 /// A new NumPy array that owns its memory.

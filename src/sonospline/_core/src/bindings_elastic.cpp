@@ -26,8 +26,9 @@ using Values = Array<double, -1>;
 using Vector3 = Array<double, 3>;
 using NewNodes = nb::ndarray<nb::numpy, float>;
 
-void make(sono::ElasticMultigrid *self, const std::vector<std::tuple<std::array<double, 3>, Cells, Cells>> &levels,
-          const std::array<bool, 6> &pinned, bool full, int degree, const Square &coarse_inverse) {
+void make(sono::ElasticMultigrid *self, const nb::sequence &given, const std::array<bool, 6> &pinned, bool full,
+          int degree, const Square &coarse_inverse) {
+    const auto levels = items_of<std::tuple<std::array<double, 3>, Cells, Cells>>(given);
     std::vector<sono::ElasticLevelData> data;
     for (const auto &[spacing, lame, shear] : levels) {
         require(lattice_of(lame) == lattice_of(shear), "lame and shear differ in shape");

@@ -3,9 +3,9 @@
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
-#include <nanobind/stl/vector.h>
 
 #include <optional>
+#include <vector>
 
 #include "multilevel.hpp"
 
@@ -20,7 +20,8 @@ using Result = nb::ndarray<float, nb::numpy, nb::shape<-1, -1, -1, 3>, nb::c_con
 using Out = Checked<Result>;
 
 void make(sono::MultilevelPlan *self, const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
-          double tolerance, const std::vector<int> &orders) {
+          double tolerance, const nb::sequence &given) {
+    const std::vector<int> orders = items_of<int>(given);
     const Outside outside;
     new (self) sono::MultilevelPlan(shape, spacing, tolerance, orders);
 }
@@ -43,7 +44,7 @@ Result evaluate(sono::MultilevelPlan &plan, const Index &index, const Rows &weig
 
 void bind_multilevel(nb::module_ &m) {
     nb::class_<sono::MultilevelPlan>(m, "MultilevelPlan")
-        .def("__init__", &make, "shape"_a, "spacing"_a, "tolerance"_a = 3e-5, "orders"_a = std::vector<int>{6, 8, 8})
+        .def("__init__", &make, "shape"_a, "spacing"_a, "tolerance"_a = 3e-5, "orders"_a = nb::make_tuple(6, 8, 8))
         .def_prop_ro("max_depth", &sono::MultilevelPlan::max_depth, nb::call_guard<Outside>())
         .def("depth", &sono::MultilevelPlan::depth, "centres"_a, nb::call_guard<Outside>())
         .def("error_per_weight", &sono::MultilevelPlan::error_per_weight, "depth"_a, nb::call_guard<Outside>())

@@ -25,8 +25,8 @@ class LinearSampler {
         std::ptrdiff_t cell[3];
         float t[3];
         for (int a = 0; a < 3; ++a) {
-            const double index = std::min(std::max(p[a] * inverse_[a], 0.0), last_[a]);  // NaN stays
-            cell[a] = index > 0 ? std::min(static_cast<std::ptrdiff_t>(index), cells_[a]) : 0;
+            const double index = std::min(std::max(p[a] * inverse_[a], 0.0), last_[a]);  // NaN stays,
+            cell[a] = std::min(static_cast<std::ptrdiff_t>(std::max(0.0, index)), cells_[a]);  // but here goes to 0
             t[a] = static_cast<float>(index - static_cast<double>(cell[a]));
         }
         const float *corner = values_ + cell[0] * plane_ + cell[1] * row_ + cell[2] * 3;
@@ -86,8 +86,8 @@ class CubicSampler {
         Place at;
         std::ptrdiff_t cell[3];
         for (int a = 0; a < 3; ++a) {
-            const double index = std::min(std::max(p[a] * inverse_[a], 0.0), last_[a]);  // NaN stays
-            cell[a] = index > 0 ? std::min(static_cast<std::ptrdiff_t>(index), cells_[a]) : 0;
+            const double index = std::min(std::max(p[a] * inverse_[a], 0.0), last_[a]);  // NaN stays,
+            cell[a] = std::min(static_cast<std::ptrdiff_t>(std::max(0.0, index)), cells_[a]);  // but here goes to 0
             const float t = static_cast<float>(index - static_cast<double>(cell[a])), s = 1 - t;
             const float w[4] = {s * s * s / 6, (3 * t * t * t - 6 * t * t + 4) / 6,
                                 (3 * s * s * s - 6 * s * s + 4) / 6, t * t * t / 6};
