@@ -3,7 +3,7 @@ OUT ?= out
 SET_UP := bash scripts/setup.sh
 PYTHON_HERE := .venv/bin/python
 
-.PHONY: run test check lint types docs web web-test demo tour bench fenicsx clean
+.PHONY: run test check lint types docs web web-test demo tour bench fenicsx sanitize clean
 
 run:  ## the live simulator; it prints the address to open (ARGS="--port N")
 	@./run $(ARGS)
@@ -22,6 +22,9 @@ web:  ## the page of the simulator
 
 web-test:
 	@./test page
+
+sanitize:  ## the core's tests on a build with AddressSanitizer and UBSan: one of the slow tests
+	@./test slow -- tests/test_core_sanitized.py
 
 demo:  ## push a needle into the generated phantom and say where the picture is
 	@$(SET_UP) run

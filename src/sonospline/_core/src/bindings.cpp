@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "bindings.hpp"
+#include "faults.hpp"
 #include "kernels.hpp"
 #include "parallel.hpp"
 #include "sums.hpp"
@@ -116,4 +117,9 @@ NB_MODULE(_native, m) {
     bind_elastic(m);
     m.def("thread_count", &sono::thread_count);
     m.def("set_thread_count", &sono::set_thread_count, "count"_a);
+#ifdef SONO_FAULTS
+    m.def("fail_allocation", &sono::fail_allocation, "after"_a);
+    m.def("allocation_failed", &sono::allocation_failed);
+    m.def("fail_threads", &sono::fail_threads, "after"_a);
+#endif
 }
