@@ -221,6 +221,14 @@ def test_demanding_a_core_that_is_not_built_is_refused(monkeypatch):
 
 
 @needs_core
+@pytest.mark.parametrize("threads", ["0", "-1", "two", "1025", "9" * 5000])
+def test_a_number_of_threads_that_is_none_is_refused(threads):
+    seen = run_python(SHOW, SONOSPLINE_THREADS=threads)
+    assert seen.returncode != 0
+    assert "use 1 to 1024" in seen.stderr
+
+
+@needs_core
 def test_unknown_instruction_set_in_the_environment_is_refused():
     seen = run_python(SHOW, SONOSPLINE_ISA="sse9")
     assert seen.returncode != 0

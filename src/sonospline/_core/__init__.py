@@ -3,6 +3,10 @@
 ``SONOSPLINE_BACKEND=core`` demands the compiled core, ``numpy`` the twin; unset, the core
 is used where it was built. ``SONOSPLINE_ISA`` names one of :func:`instruction_sets` and
 ``SONOSPLINE_THREADS`` the number of threads of the core.
+
+Threads may share the core's objects: each call has its object alone. Arrays given to a plan or a
+scene are its own from then on. A fork waits until no thread computes; parent and child go on with
+the same objects. Where memory ends a call raises MemoryError, and the object is as it was.
 """
 
 from __future__ import annotations
@@ -19,6 +23,8 @@ except ImportError:
     native = None  # type: ignore[assignment]
 
 logger = logging.getLogger(__name__)
+
+_MOST_THREADS = 1024
 
 
 def _choose(wanted: str) -> ModuleType:
@@ -50,8 +56,8 @@ def _choose_instruction_set(wanted: str) -> None:
 def _choose_threads(wanted: str) -> None:
     if not wanted:
         return
-    if not wanted.isdecimal() or int(wanted) < 1:
-        raise ImportError(f"SONOSPLINE_THREADS={wanted!r} is not a number of threads; use 1 or more")
+    if not wanted.isdecimal() or len(wanted) > 4 or not 1 <= int(wanted) <= _MOST_THREADS:
+        raise ImportError(f"SONOSPLINE_THREADS={wanted!r} is not a number of threads; use 1 to {_MOST_THREADS}")
     native.set_thread_count(int(wanted))
 
 
