@@ -15,6 +15,7 @@ TESTS = (
     "test_core_borders.py",
     "test_core_exit.py",
     "test_core_fork.py",
+    "test_core_fuzz.py",
     "test_core_threads.py",
     "test_elastic_core.py",
     "test_multilevel.py",
