@@ -148,6 +148,13 @@ def under_the_pointer(driver):
     return places
 
 
+def recentre(driver):
+    driver.settled()
+    driver.page.get_by_role("button", name="Recentre").first.click()
+    driver.until(f"{knob('sweep', 'v === 0')} && {knob('slide', 'v === 0')}")
+    driver.settled()
+
+
 def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the_view_turns(drive):
     driver = drive()
     driver.until("document.querySelector('.view3d')")
@@ -156,14 +163,10 @@ def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the
     body, ring = places["grab"], places["ew-resize"]
     drag(driver, body[len(body) // 2], (30, 0))
     driver.until(knob("slide", "v > 5"))
-    driver.settled()
-    sweep = driver.knob("sweep")
+    recentre(driver)
     drag(driver, body[len(body) // 2], (0, -12))
-    driver.until(knob("sweep", f"v - {sweep} > 3"))  # up is away
-    driver.page.get_by_role("button", name="Recentre").first.click()
-    driver.until(knob("sweep", "v === 0"))
-    driver.until(knob("slide", "v === 0"))
-    driver.settled()
+    driver.until(knob("sweep", "v > 3"))  # up is away
+    recentre(driver)
     assert driver.knob("rotate") == 0
     front = max(ring, key=lambda place: place[1])
     drag(driver, front, (16, 0))

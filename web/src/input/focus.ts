@@ -7,18 +7,21 @@ const KEEPERS = "input, dialog, [role=menu], [role=alertdialog], pre";
 
 export function returnFocus(image: HTMLElement): void {
   const focus = () => image.focus({ preventScroll: true });
-  const back = () => {
-    if (!document.activeElement?.closest(KEEPERS)) focus();
+  const back = (at: EventTarget | null) => {
+    const keeper = document.activeElement?.closest(KEEPERS);
+    // a number keeps it while it is typed, not once the pointer is used elsewhere
+    const left = keeper instanceof HTMLInputElement && at instanceof Node && !keeper.closest("label")?.contains(at);
+    if (!keeper || left) focus();
   };
   /** Whether a pointer opened the dialog that is open. */
   let opened = false;
-  document.addEventListener("pointerup", () => window.setTimeout(back));
+  document.addEventListener("pointerup", ({ target }) => window.setTimeout(back, 0, target));
   // a touch clicks well after it was lifted; a click without a pointer comes from a key or a screen reader
-  document.addEventListener("click", ({ detail }) => {
+  document.addEventListener("click", ({ detail, target }) => {
     if (detail === 0) return;
     window.setTimeout(() => {
       opened = document.querySelector("dialog[open]") !== null;
-      back();
+      back(target);
     });
   });
   document.addEventListener("close", () => opened && focus(), true);
