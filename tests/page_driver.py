@@ -209,15 +209,15 @@ class Driver:
         self.until(f"link.seq === link.answered && {shown}")
 
     def settled(self):
-        """Wait until the read-outs have stood still for half a second."""
+        """Wait until the read-outs have stood still for half a second, and for ten steps of a slow page."""
         self.evaluate(
             """() => new Promise((done) => {
-                let [before, since] = ["", performance.now()];
+                let [before, since, step] = ["", performance.now(), looks];
                 const numbers = () => [...document.querySelectorAll("output.number")].map((o) => o.dataset.value);
                 const look = () => {
                     const now = numbers().join();
-                    if (now !== before) [before, since] = [now, performance.now()];
-                    if (performance.now() - since > 500) done(); else setTimeout(look, 50);
+                    if (now !== before) [before, since, step] = [now, performance.now(), looks];
+                    if (performance.now() - since > 500 && looks > step + 10) done(); else setTimeout(look, 50);
                 };
                 look();
             })"""
