@@ -201,11 +201,12 @@ def frame(first, payload):
     ],
 )
 def test_a_client_that_never_reads_loses_its_place(monkeypatch, message):
-    monkeypatch.setattr(conversation, "UNREAD_S", 0.3)
-    monkeypatch.setattr(server, "PING_S", 1.0)
+    monkeypatch.setattr(conversation, "UNREAD_S", 0.3 if message is None else 600)  # else by what piles up
+    monkeypatch.setattr(server, "PING_S", 1.0 if message is None else 600)
     running = Running(sessions=1)
+    running.server.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)  # else the system holds it all
     with opened(running.port, receive_buffer=2048) as peer:
-        until(lambda: running.server.connections)
+        until(lambda: any(len(connection._flow._flying) == 2 for connection in running.server.connections))
         with contextlib.suppress(OSError):
             while running.server.connections and message is not None:
                 peer.sendall(frame(0x81, message))
