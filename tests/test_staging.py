@@ -317,6 +317,23 @@ def test_a_signal_that_a_library_swallows_is_raised_again(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["cleaned"]
 
 
+def test_a_signal_that_becomes_another_error_still_ends_the_run_with_its_code():
+    code = """
+import os, signal, sys
+from sonospline import cli
+from sonospline.commands import doctor
+def run(args):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except SystemExit:
+        raise ImportError("numpy failed to import") from None
+doctor.run = run
+sys.exit(cli.main(["doctor"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (143, "")
+
+
 def test_a_run_that_is_killed_is_cleared_by_the_next_one_alone(tmp_path):
     out = tmp_path / "out"
     out.mkdir()

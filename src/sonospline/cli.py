@@ -43,6 +43,7 @@ def _run(arguments: list[str]) -> int:
         report = verbs[args.verb].run(args)
         _terminal.answer(json.dumps(report, indent=2) if args.json else verbs[args.verb].describe(report, args))
     except Exception as error:
+        _terminal.leave_if_told(error)
         if args is not None and args.traceback:
             raise
         _terminal.say(f"sonospline{'' if args is None else f' {args.verb}'}: {_in_one_line(error)}")
