@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from . import wire
 from .lane import Lane
-from .reach import refuse_elsewhere
 from .scene_file import SHIPPED, SceneFile
 from .tidying import tidy
 
@@ -157,6 +156,7 @@ class Library:
         return self._worlds[name]
 
     def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
+        from .reach import refuse_elsewhere
         from .world import World
 
         def go_on(share: float) -> None:
