@@ -12,12 +12,12 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import manners
+from sonospline.simulator import rate_limits
 from sonospline.simulator.connection import MOST_COMMANDS, MOST_REFUSALS, Connection
 from sonospline.simulator.library import Library
-from sonospline.simulator.manners import MOST_MESSAGES_S, REFUSALS_S, Manners
 from sonospline.simulator.messages import MessageError
 from sonospline.simulator.outbox import Outbox
+from sonospline.simulator.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
 
 
 @pytest.fixture(scope="module")
@@ -205,18 +205,18 @@ def test_messages_in_a_row_are_answered_in_a_row(running):
 
 def test_the_rate_is_counted_over_a_second_and_refusals_over_ten(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(manners.time, "monotonic", lambda: now[0])
-    client = Manners()
+    monkeypatch.setattr(rate_limits.time, "monotonic", lambda: now[0])
+    client = RateLimits()
     for _ in range(MOST_MESSAGES_S):
-        client.came()
+        client.count_message()
     now[0] += 0.99
     with pytest.raises(MessageError, match=f"came too fast; send at most {MOST_MESSAGES_S} a second"):
-        client.came()
+        client.count_message()
     now[0] += 0.01
-    client.came()
-    assert [client.refused() for _ in range(MOST_REFUSALS)] == [False] * (MOST_REFUSALS - 1) + [True]
+    client.count_message()
+    assert [client.count_refusal() for _ in range(MOST_REFUSALS)] == [False] * (MOST_REFUSALS - 1) + [True]
     now[0] += REFUSALS_S
-    assert not client.refused()
+    assert not client.count_refusal()
 
 
 def test_commands_do_not_pile_up_behind_a_page_that_draws_nothing(running, page):
@@ -224,7 +224,7 @@ def test_commands_do_not_pile_up_behind_a_page_that_draws_nothing(running, page)
     page.frame(page.ask(depth=5.0))
     for _ in range(2):
         page.frame(draw=False)
-    runner = running.server.places.connections[page.hello["session"]]._runner
+    runner = running.server.pool.connections[page.hello["session"]]._runner
     while runner.waiting < MOST_COMMANDS:
         page.send(type="undo_pass")
         time.sleep(1.1 / MOST_MESSAGES_S)

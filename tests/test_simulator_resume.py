@@ -7,7 +7,7 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import SceneFile, Session, connection, places
+from sonospline.simulator import SceneFile, Session, connection, session_pool
 
 
 def back(running, page):
@@ -122,11 +122,11 @@ def test_who_is_kept_gives_way_to_a_newcomer():
 
 
 def test_a_session_is_kept_for_a_while_only(running, monkeypatch):
-    monkeypatch.setattr(places, "KEPT_S", 0.05)
+    monkeypatch.setattr(session_pool, "KEPT_S", 0.05)
     with Client(running) as page:
         page.ready().frame()
     nobody_is_connected(running)
-    until(lambda: page.hello["session"] not in running.server.places._kept)
+    until(lambda: page.hello["session"] not in running.server.pool._kept)
     with back(running, page) as again:
         assert not again.text("hello")["resumed"]
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from . import messages, wire
 from .flow import FrameFlow
 from .library import Library
-from .manners import MOST_REFUSALS, REFUSALS_S, Manners
 from .messages import MessageError
 from .outbox import Outbox
-from .places import Kept
+from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .runner import Runner, Stamp
 from .scene_file import MODELS, SceneError
+from .session_pool import Kept
 
 if TYPE_CHECKING:
     from .session import Session
@@ -66,7 +66,7 @@ class Connection:
         self._loading: asyncio.Task[None] | None = None
         self._showing: asyncio.Task[None] | None = None
         self._seq, self._closed = -1, False
-        self._flow, self._manners = FrameFlow(), Manners()
+        self._flow, self._limits = FrameFlow(), RateLimits()
         self._busy_at = time.monotonic()
         self.verdict: asyncio.Future[Verdict] = self._loop.create_future()
         """Set when the client is to be hung up on."""
@@ -110,7 +110,7 @@ class Connection:
     def take(self, text: str | None) -> None:
         """Do what a message says, or refuse it."""
         try:
-            self._manners.came()
+            self._limits.count_message()
             if text is None:
                 raise MessageError("message", "is binary; send JSON text")
             message = messages.parse(text)
@@ -274,7 +274,7 @@ class Connection:
     ) -> None:
         message = {"type": "refused", "what": what, "message": problem, "file": file, "line": line}
         self._tell(message if seq is None else message | {"seq": seq})
-        if self._manners.refused():
+        if self._limits.count_refusal():
             self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))
 
 

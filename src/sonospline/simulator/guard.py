@@ -107,9 +107,7 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and not _same_site(origin, headers.get("host", "")):
             return f"Origin {origin[:80]!r} is not this page; open {self._public_address}"
-        if self.token is not None and not hmac.compare_digest(
-            (token or "").encode(errors="surrogatepass"), self.token.encode()
-        ):
+        if self.token is not None and not _equal(token or "", self.token):
             return "the token is missing or wrong; open the address the server printed at its start"
         return None
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import wire
-from .lane import Lane
 from .scene_file import SHIPPED, SceneFile
 from .tidying import tidy
+from .worker import Worker
 
 if TYPE_CHECKING:
     from .session import Session
@@ -60,7 +60,7 @@ class Library:
         self._waiting: list[Progress] = []
         # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
         # page brings along may take long, and holds up nobody who wants a scene on offer.
-        self._offered, self._brought = Lane("sonospline-scenes"), Lane("sonospline-brought-scenes")
+        self._offered, self._brought = Worker("sonospline-scenes"), Worker("sonospline-brought-scenes")
         self._tidying: Future[None] | None = None
         self._brought_worlds: weakref.WeakSet[World] = weakref.WeakSet()
 
@@ -109,10 +109,10 @@ class Library:
     def geometry(self, session: Session, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
         world = session.world
-        lane = self._brought if world in self._brought_worlds else self._offered
-        made = lane.submit(wire.geometry, world)
+        worker = self._brought if world in self._brought_worlds else self._offered
+        made = worker.submit(wire.geometry, world)
         for preparation in (session.warm_up, world.prepare):
-            lane.submit(_if_wanted, wanted, preparation)
+            worker.submit(_if_wanted, wanted, preparation)
         return made
 
     def tidy(self) -> None:
@@ -124,7 +124,7 @@ class Library:
     def close(self, within_s: float = 2.0) -> bool:
         """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
         end = time.monotonic() + within_s
-        ended = [lane.close(max(0.0, end - time.monotonic())) for lane in (self._offered, self._brought)]
+        ended = [worker.close(max(0.0, end - time.monotonic())) for worker in (self._offered, self._brought)]
         return all(ended)
 
     def _prepare(self) -> None:
@@ -156,7 +156,7 @@ class Library:
         return self._worlds[name]
 
     def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
-        from .reach import refuse_elsewhere
+        from .file_access import refuse_elsewhere
         from .world import World
 
         def go_on(share: float) -> None:

@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from .._extras import require
+from .access import AccessMiddleware, token_of
 from .connection import TAKEN_OVER, Connection, Verdict
+from .connection_limits import ConnectionLimits, open_files, pending_within
 from .conversation import converse
-from .doorkeeper import Doorkeeper, token_of
-from .gate import Gate, guests_within, open_files
 from .guard import Guard
 from .library import Library
 from .messages import LONGEST
 from .outbox import Outbox
-from .places import Kept, Places, new_key
+from .protocols import http_protocol, websocket_protocol
 from .scene_file import scene_schema
-from .sockets import http_protocol, websocket_protocol
+from .session_pool import Kept, SessionPool, new_key
 
 logger = logging.getLogger(__name__)
 
@@ -79,16 +79,16 @@ class Server:
         self._uvicorn = require("uvicorn")
         require("websockets")
         Guard(host, port, token)  # before the socket
-        self.gate = Gate(guests_within(open_files(), sessions))
+        self.limits = ConnectionLimits(pending_within(open_files(), sessions))
         self.socket = _listen(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self.guard = Guard(host, self.port, token)
         self.library, self.idle_s = library, idle_s
-        self.places = Places(sessions, library.tidy)
+        self.pool = SessionPool(sessions, library.tidy)
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
-                Doorkeeper(self._application(), self.guard, self.gate.came),
-                http=http_protocol(self.gate), ws=websocket_protocol(self.gate), ws_max_size=LONGEST,
+                AccessMiddleware(self._application(), self.guard, self.limits.requested),
+                http=http_protocol(self.limits), ws=websocket_protocol(self.limits), ws_max_size=LONGEST,
                 ws_per_message_deflate=False, ws_ping_interval=PING_S, ws_ping_timeout=PING_S, lifespan="on",
                 log_config=None, access_log=False, proxy_headers=False, server_header=False, backlog=_BACKLOG,
                 timeout_graceful_shutdown=_SHUTDOWN_S,
@@ -103,7 +103,7 @@ class Server:
     @property
     def connections(self) -> set[Connection]:
         """Who is connected."""
-        return set(self.places.connections.values())
+        return set(self.pool.connections.values())
 
     def run(self, ready: Callable[[str], None] = lambda address: None) -> None:
         """Serve until told to stop; ``ready`` is called with the address once pages can be opened."""
@@ -131,7 +131,7 @@ class Server:
             refusal = self.guard.refusal(request.headers, token_of(request.scope))
             if refusal is not None:
                 return PlainTextResponse(refusal, 403)
-            if self.places.full:
+            if self.pool.full:
                 return PlainTextResponse(self._too_many, 503)
             return PlainTextResponse("open a WebSocket here", 426, {"upgrade": "websocket"})
 
@@ -156,7 +156,7 @@ class Server:
         watch = asyncio.create_task(self._tell_when_listening())
         yield
         watch.cancel()
-        self.places.clear()
+        self.pool.clear()
         await asyncio.to_thread(self.library.close)
 
     async def _tell_when_listening(self) -> None:
@@ -166,26 +166,26 @@ class Server:
 
     @property
     def _too_many(self) -> str:
-        return f"{self.places.most} sessions are open; close one"
+        return f"{self.pool.most} sessions are open; close one"
 
     async def _live(self, websocket: Any) -> None:
         """Serve one WebSocket that the guard let in."""
         await websocket.accept()
         key = websocket.query_params.get("session", "")
         kept = await self._reclaim(key)
-        if self.places.full:
+        if self.pool.full:
             await websocket.close(TOO_MANY, self._too_many)
             return
-        transport = self.gate.seat(websocket.scope["client"])
+        transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
         connection = Connection(self.library, outbox, new_key() if kept is None else key)
-        self.places.take(connection.key, connection)
+        self.pool.add(connection.key, connection)
         try:
             connection.open(kept)
             await converse(websocket, connection, outbox, transport, idle_s=self.idle_s)
         finally:
             if transport is not None:
-                self.gate.unseat(transport)
+                self.limits.closing(transport)
             await self._part(connection)
 
     async def _part(self, connection: Connection) -> None:
@@ -194,17 +194,17 @@ class Server:
         try:
             kept = await connection.close()
         finally:
-            self.places.leave(connection.key, kept)
+            self.pool.remove(connection.key, kept)
             connection.left.set()
 
     async def _reclaim(self, key: str) -> Kept | None:
         """Return the session of a key; where another socket still has it, that is hung up on first."""
-        holder = self.places.connections.get(key)
+        holder = self.pool.connections.get(key)
         if holder is not None:
             holder.end(Verdict(TAKEN_OVER, "the session goes on in another page"))
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(holder.left.wait(), _HANDOVER_S)
-        return self.places.reclaim(key)
+        return self.pool.reclaim(key)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .places import KEPT_S
 from .scene_file import MODELS
+from .session_pool import KEPT_S
 from .wish import Limits, Wish
 
 if TYPE_CHECKING:

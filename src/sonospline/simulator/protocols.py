@@ -1,4 +1,4 @@
-"""The web server's protocols, with a gate before them and an end to what one socket may pile up."""
+"""The web server's protocols, with limits on connections and on what one socket may pile up."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import asyncio
 import logging
 from typing import Any
 
-from .doorkeeper import RAW_HEADERS
-from .gate import Gate
+from .access import RAW_HEADERS
+from .connection_limits import ConnectionLimits
 
 MOST_UNREAD = 32 * 1024 * 1024
 """Bytes written that a client has not read: pongs and answers to it come on top of its messages."""
@@ -15,30 +15,30 @@ MOST_PARTS = 1024
 """Pieces of one message."""
 
 
-class _StrangersNonsense(logging.Filter):
+class _MalformedRequests(logging.Filter):
     """Leaves out what uvicorn says, with a traceback even, of bytes that are no HTTP or no text: anybody sends such."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         return not record.msg.startswith(("Invalid ", "Unsupported upgrade", "No supported WebSocket"))
 
 
-_quiet = _StrangersNonsense()
+_malformed_requests = _MalformedRequests()
 
 
-def http_protocol(gate: Gate) -> type[asyncio.Protocol]:
-    """Return uvicorn's protocol for HTTP behind a gate."""
+def http_protocol(limits: ConnectionLimits) -> type[asyncio.Protocol]:
+    """Return uvicorn's protocol for HTTP within limits."""
     import h11
     from uvicorn.protocols.http.h11_impl import H11Protocol
 
-    logging.getLogger("uvicorn.error").addFilter(_quiet)
+    logging.getLogger("uvicorn.error").addFilter(_malformed_requests)
 
-    class GatedHttp(H11Protocol):
+    class LimitedHttp(H11Protocol):
         def connection_made(self, transport: Any) -> None:
             super().connection_made(transport)
-            gate.enter(transport)
+            limits.opened(transport)
 
         def connection_lost(self, exc: Exception | None) -> None:
-            gate.leave(self.transport)
+            limits.closed(self.transport)
             super().connection_lost(exc)
 
         def send_400_response(self, msg: str) -> None:
@@ -54,16 +54,16 @@ def http_protocol(gate: Gate) -> type[asyncio.Protocol]:
                     self.transport.write(self.conn.send(event))
             self.transport.close()
 
-    return GatedHttp
+    return LimitedHttp
 
 
-def websocket_protocol(gate: Gate) -> type[asyncio.Protocol]:
+def websocket_protocol(limits: ConnectionLimits) -> type[asyncio.Protocol]:
     """Return uvicorn's protocol for WebSockets, which ends what piles up."""
     from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
     class BoundedWebSocket(WebSocketsSansIOProtocol):
         def connection_lost(self, exc: Exception | None) -> None:
-            gate.leave(self.transport)
+            limits.closed(self.transport)
             super().connection_lost(exc)
 
         async def send(self, message: Any) -> None:

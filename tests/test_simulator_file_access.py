@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sonospline.simulator import SceneFile
+from sonospline.simulator.file_access import refuse_elsewhere
 from sonospline.simulator.library import Library
-from sonospline.simulator.reach import refuse_elsewhere
 
 pytest.importorskip("SimpleITK")
 

@@ -24,27 +24,27 @@ RAW_HEADERS = [(name.encode(), value.encode()) for name, value in HEADERS.items(
 _MISDIRECTED, _FORBIDDEN = 421, 403
 
 
-class Doorkeeper:
+class AccessMiddleware:
     """Turns away requests under a foreign name (421) and WebSockets that the guard refuses (403, never opened).
 
     Parameters
     ----------
     app : ASGI application
-        Who is behind the door.
+        What serves the requests that pass.
     guard : Guard
         The rules.
-    came : callable
+    requested : callable
         Told the address of everybody who asked for something.
     """
 
-    def __init__(self, app: Any, guard: Guard, came: Callable[[Any], None]) -> None:
-        self._app, self._guard, self._came = app, guard, came
+    def __init__(self, app: Any, guard: Guard, requested: Callable[[Any], None]) -> None:
+        self._app, self._guard, self._requested = app, guard, requested
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Serve one request."""
         if scope["type"] not in ("http", "websocket"):
             return await self._app(scope, receive, send)
-        self._came(scope.get("client"))
+        self._requested(scope.get("client"))
 
         async def send_guarded(message: Any) -> None:
             if message["type"] in ("http.response.start", "websocket.http.response.start"):

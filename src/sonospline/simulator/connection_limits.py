@@ -13,91 +13,91 @@ ANSWER_S = 60.0
 """How long an answer may take to be read."""
 GOODBYE_S = 5.0
 """How long a WebSocket may take to close."""
-MOST_GUESTS = 128
+MOST_PENDING = 128
 _RESERVE = 64
 """Open files for everything else: images, the library's own."""
-_FEWEST_GUESTS = 8
+_FEWEST_PENDING = 8
 
 
-class _Guest(NamedTuple):
+class _Pending(NamedTuple):
     peer: str
     timer: asyncio.TimerHandle
 
 
-class Gate:
+class ConnectionLimits:
     """Connections that are no session: each has a time limit, and the longest silent one makes room for the next.
 
-    A page's request comes within milliseconds, so whoever opens connections to fill the server up displaces but
-    himself. Everything happens in the socket's loop.
+    A page's request comes within milliseconds, so whoever opens connections to fill the server up displaces only
+    those of his own. Everything happens in the socket's loop.
 
     Parameters
     ----------
     most : int
-        Guests at once.
+        Such connections at once.
     """
 
-    def __init__(self, most: int = MOST_GUESTS) -> None:
+    def __init__(self, most: int = MOST_PENDING) -> None:
         self.most = most
-        self._guests: dict[asyncio.Transport, _Guest] = {}  # the longest silent first
+        self._pending: dict[asyncio.Transport, _Pending] = {}  # the longest silent first
         self._at: dict[Any, asyncio.Transport] = {}
 
-    def enter(self, transport: asyncio.Transport) -> None:
+    def opened(self, transport: asyncio.Transport) -> None:
         """Take in a connection; where there are too many, the longest silent one of the busiest peer ends."""
         self._at[_key(_address(transport))] = transport
-        self._bear(transport, FIRST_REQUEST_S)
+        self._allow(transport, FIRST_REQUEST_S)
 
-    def came(self, address: Any) -> None:
+    def requested(self, address: Any) -> None:
         """Note a request: there is time for the answer."""
         transport = self._at.get(_key(address))
-        if transport in self._guests:
-            self._bear(transport, ANSWER_S)
+        if transport in self._pending:
+            self._allow(transport, ANSWER_S)
 
-    def seat(self, address: Any) -> asyncio.Transport | None:
-        """Let a guest be a session: it stays as long as it likes."""
+    def upgraded(self, address: Any) -> asyncio.Transport | None:
+        """Let a connection be a session's: it stays as long as it likes."""
         transport = self._at.get(_key(address))
-        if transport in self._guests:
-            self.leave(transport)
+        if transport in self._pending:
+            self.closed(transport)
         return transport
 
-    def unseat(self, transport: asyncio.Transport) -> None:
+    def closing(self, transport: asyncio.Transport) -> None:
         """Give a session's connection time to close, and no more."""
-        self._bear(transport, GOODBYE_S)
+        self._allow(transport, GOODBYE_S)
 
-    def leave(self, transport: asyncio.Transport) -> None:
-        """Forget a guest."""
-        guest = self._guests.pop(transport, None)
-        if guest is not None:
-            guest.timer.cancel()
+    def closed(self, transport: asyncio.Transport) -> None:
+        """Forget a connection."""
+        entry = self._pending.pop(transport, None)
+        if entry is not None:
+            entry.timer.cancel()
         key = _key(_address(transport))
         if self._at.get(key) is transport:
             del self._at[key]
 
     @property
-    def guests(self) -> int:
+    def pending(self) -> int:
         """How many there are."""
-        return len(self._guests)
+        return len(self._pending)
 
-    def _bear(self, transport: asyncio.Transport, seconds: float) -> None:
-        old = self._guests.pop(transport, None)
+    def _allow(self, transport: asyncio.Transport, seconds: float) -> None:
+        old = self._pending.pop(transport, None)
         if old is not None:
             old.timer.cancel()
-        timer = asyncio.get_running_loop().call_later(seconds, self._end, transport)
-        self._guests[transport] = _Guest(_peer(_address(transport)), timer)
-        if len(self._guests) > self.most:
+        timer = asyncio.get_running_loop().call_later(seconds, self._abort, transport)
+        self._pending[transport] = _Pending(_peer(_address(transport)), timer)
+        if len(self._pending) > self.most:
             self._drop_one()
 
     def _drop_one(self) -> None:
-        crowd = Counter(guest.peer for guest in self._guests.values())
+        crowd = Counter(entry.peer for entry in self._pending.values())
         busiest = max(crowd, key=crowd.__getitem__)
-        self._end(next(transport for transport, guest in self._guests.items() if guest.peer == busiest))
+        self._abort(next(transport for transport, entry in self._pending.items() if entry.peer == busiest))
 
-    def _end(self, transport: asyncio.Transport) -> None:
-        self.leave(transport)
+    def _abort(self, transport: asyncio.Transport) -> None:
+        self.closed(transport)
         transport.abort()
 
 
-def guests_within(files: int | None, sessions: int) -> int:
-    """Return how many guests there may be beside some sessions, with so many open files at most.
+def pending_within(files: int | None, sessions: int) -> int:
+    """Return how many connections may be pending beside some sessions, with so many open files at most.
 
     Raises
     ------
@@ -105,15 +105,15 @@ def guests_within(files: int | None, sessions: int) -> int:
         Not even the sessions fit.
     """
     if files is None:
-        return MOST_GUESTS
+        return MOST_PENDING
     room = files - _RESERVE - sessions
-    if room < _FEWEST_GUESTS:
-        most = files - _RESERVE - _FEWEST_GUESTS
+    if room < _FEWEST_PENDING:
+        most = files - _RESERVE - _FEWEST_PENDING
         remedy = f"give at most {most}, or raise" if most > 0 else "raise"
         raise ValueError(
             f"--sessions = {sessions} is more than {files} open files allow; {remedy} the limit (ulimit -n)"
         )
-    return min(MOST_GUESTS, room)
+    return min(MOST_PENDING, room)
 
 
 def open_files() -> int | None:

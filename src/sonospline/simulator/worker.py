@@ -12,7 +12,7 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 
-class Lane:
+class Worker:
     """Jobs in order, in one thread that does not keep the process from ending.
 
     Unlike an executor's thread it is a daemon: nobody can stop a job that reads a file or factors a matrix, and a
@@ -20,11 +20,11 @@ class Lane:
 
     Examples
     --------
-    >>> from sonospline.simulator.lane import Lane
-    >>> lane = Lane("sums")
-    >>> lane.submit(sum, (1, 2, 3)).result()
+    >>> from sonospline.simulator.worker import Worker
+    >>> worker = Worker("sums")
+    >>> worker.submit(sum, (1, 2, 3)).result()
     6
-    >>> lane.close(within_s=1.0)
+    >>> worker.close(within_s=1.0)
     True
     """
 
@@ -40,7 +40,7 @@ class Lane:
         Raises
         ------
         RuntimeError
-            The lane is closed.
+            The worker is closed.
         """
         future: Future[T] = Future()
         with self._lock:

@@ -1,4 +1,4 @@
-"""How much of a client is borne: messages a second, and refusals before it is hung up on."""
+"""What one client may do: messages a second, and refusals before it is hung up on."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ MOST_MESSAGES_S = 240
 MOST_REFUSALS, REFUSALS_S = 20, 10.0
 
 
-class Manners:
+class RateLimits:
     """What one client did lately."""
 
     def __init__(self) -> None:
         self._refusals: deque[float] = deque(maxlen=MOST_REFUSALS)
         self._arrivals: deque[float] = deque(maxlen=MOST_MESSAGES_S)
 
-    def came(self) -> None:
+    def count_message(self) -> None:
         """Count a message.
 
         Raises
@@ -31,7 +31,7 @@ class Manners:
             raise MessageError("message", f"came too fast; send at most {MOST_MESSAGES_S} a second")
         self._arrivals.append(now)
 
-    def refused(self) -> bool:
+    def count_refusal(self) -> bool:
         """Count a refusal; return whether it was one too many."""
         now = time.monotonic()
         self._refusals.append(now)

@@ -15,8 +15,8 @@ import pytest
 
 from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import conversation, gate, server, sockets
-from sonospline.simulator.gate import Gate, guests_within
+from sonospline.simulator import connection_limits, conversation, protocols, server
+from sonospline.simulator.connection_limits import ConnectionLimits, pending_within
 
 UPGRADE = (
     "GET /live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -45,27 +45,27 @@ def until(condition, seconds=20.0):
 
 def test_the_longest_silent_of_the_busiest_peer_makes_room():
     async def crowd():
-        door = Gate(4)
+        limits = ConnectionLimits(4)
         quiet = Transport("10.0.0.1", 1)
         busy = [Transport("10.0.0.2", port) for port in range(5)]
         for transport in (quiet, *busy[:3]):
-            door.enter(transport)
-        door.came(busy[0].peer)  # it asked for something: the second is now the longest silent
+            limits.opened(transport)
+        limits.requested(busy[0].peer)  # it asked for something: the second is now the longest silent
         for transport in busy[3:]:
-            door.enter(transport)
+            limits.opened(transport)
         assert [transport.aborted for transport in busy] == [False, True, True, False, False]
         assert not quiet.aborted
-        assert door.guests == 4
+        assert limits.pending == 4
 
     asyncio.run(crowd())
 
 
 def test_neighbours_of_an_ipv6_network_are_one_peer():
     async def crowd():
-        door = Gate(2)
+        limits = ConnectionLimits(2)
         alone, *many = [Transport(host, 1) for host in ("2001:db8:1::1", "2001:db8:2::1", "2001:db8:2::2")]
         for transport in (alone, *many):
-            door.enter(transport)
+            limits.opened(transport)
         assert [transport.aborted for transport in (alone, *many)] == [False, True, False]
 
     asyncio.run(crowd())
@@ -73,54 +73,54 @@ def test_neighbours_of_an_ipv6_network_are_one_peer():
 
 def test_each_stage_has_its_time(monkeypatch):
     for name in ("FIRST_REQUEST_S", "ANSWER_S", "GOODBYE_S"):
-        monkeypatch.setattr(gate, name, 0.01)
+        monkeypatch.setattr(connection_limits, name, 0.01)
 
     async def ended(transport):
         while not transport.aborted:
             await asyncio.sleep(0.001)
 
     async def stages():
-        door = Gate()
+        limits = ConnectionLimits()
         silent, asking, leaving, staying = (Transport("10.0.0.1", port) for port in range(4))
         for transport in (silent, asking, leaving, staying):
-            door.enter(transport)
-        door.came(asking.peer)
-        assert door.seat(leaving.peer) is leaving
-        assert door.seat(staying.peer) is staying
-        door.unseat(leaving)
+            limits.opened(transport)
+        limits.requested(asking.peer)
+        assert limits.upgraded(leaving.peer) is leaving
+        assert limits.upgraded(staying.peer) is staying
+        limits.closing(leaving)
         await asyncio.wait_for(asyncio.gather(*map(ended, (silent, asking, leaving))), 10)
         assert not staying.aborted
-        assert door.guests == 0
+        assert limits.pending == 0
 
     asyncio.run(stages())
 
 
 def test_an_address_that_comes_again_is_another_connection(monkeypatch):
-    monkeypatch.setattr(gate, "GOODBYE_S", 0.01)
+    monkeypatch.setattr(connection_limits, "GOODBYE_S", 0.01)
 
     async def again():
-        door = Gate()
+        limits = ConnectionLimits()
         first, second = Transport("10.0.0.1", 1), Transport("10.0.0.1", 1)
-        door.enter(first)
-        assert door.seat(first.peer) is first
-        door.enter(second)
-        door.unseat(first)
+        limits.opened(first)
+        assert limits.upgraded(first.peer) is first
+        limits.opened(second)
+        limits.closing(first)
         while not first.aborted:
             await asyncio.sleep(0.001)
         assert not second.aborted
-        assert door.seat(second.peer) is second
+        assert limits.upgraded(second.peer) is second
 
     asyncio.run(again())
 
 
 def test_open_files_bound_guests_and_sessions():
-    assert guests_within(None, 8) == gate.MOST_GUESTS
-    assert guests_within(1024, 8) == gate.MOST_GUESTS
-    assert guests_within(100, 8) == 28
+    assert pending_within(None, 8) == connection_limits.MOST_PENDING
+    assert pending_within(1024, 8) == connection_limits.MOST_PENDING
+    assert pending_within(100, 8) == 28
     with pytest.raises(ValueError, match=r"--sessions = 2000 is more than 1024 open files allow; give at most 952"):
-        guests_within(1024, 2000)
+        pending_within(1024, 2000)
     with pytest.raises(ValueError, match=r"--sessions = 1 is more than 16 open files allow; raise the limit"):
-        guests_within(16, 1)
+        pending_within(16, 1)
 
 
 def half_open(stack, port, count):
@@ -146,16 +146,16 @@ def test_half_open_connections_lock_nobody_out(count):
             assert running.get("/healthz") == (200, "ok")
             with Client(running) as page:
                 page.ready().frame(page.ask(depth=4.0))
-                half_open(stack, running.port, gate.MOST_GUESTS + 10)  # whoever has a session keeps it
+                half_open(stack, running.port, connection_limits.MOST_PENDING + 10)  # whoever has a session keeps it
                 page.frame(page.ask(depth=5.0))
-            until(lambda: running.server.gate.guests <= gate.MOST_GUESTS)
+            until(lambda: running.server.limits.pending <= connection_limits.MOST_PENDING)
     finally:
         running.stop()
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_who_says_nothing_is_ended(running, monkeypatch):
-    monkeypatch.setattr(gate, "FIRST_REQUEST_S", 0.1)
+    monkeypatch.setattr(connection_limits, "FIRST_REQUEST_S", 0.1)
     with socket.create_connection(("127.0.0.1", running.port), timeout=20) as peer:
         peer.sendall(b"GET / HTTP/1.1\r\nHost: 127")
         assert ended(peer)
@@ -232,10 +232,10 @@ def test_a_place_is_free_at_once_when_the_socket_dies():
 
 def test_what_a_proxy_says_of_a_client_does_not_make_it_a_stranger(running, monkeypatch):
     """A header that names another client: the connection is still known as its own, and stays."""
-    monkeypatch.setattr(gate, "ANSWER_S", 0.1)
+    monkeypatch.setattr(connection_limits, "ANSWER_S", 0.1)
     with Client(running, additional_headers={"X-Forwarded-For": "10.0.0.1"}) as page:
         page.ready()
-        until(lambda: running.server.gate.guests == 0)
+        until(lambda: running.server.limits.pending == 0)
         page.frame(page.ask(depth=4.0))
 
 
@@ -245,7 +245,7 @@ def test_what_a_proxy_says_of_a_client_does_not_make_it_a_stranger(running, monk
     ids=["pings whose answers are not read", "a message of empty pieces"],
 )
 def test_what_piles_up_is_ended(monkeypatch, flood, bound):
-    monkeypatch.setattr(sockets, bound, 64 * 1024 if bound == "MOST_UNREAD" else 100)
+    monkeypatch.setattr(protocols, bound, 64 * 1024 if bound == "MOST_UNREAD" else 100)
     running = Running()
     with opened(running.port, receive_buffer=2048) as peer:
         with contextlib.suppress(OSError):  # reset or broken pipe

@@ -22,7 +22,7 @@ class Kept(NamedTuple):
     session: Session
 
 
-class Places:
+class SessionPool:
     """Sessions by their keys, no more than there are places; who is kept gives way to a newcomer.
 
     Everything happens in the socket's loop.
@@ -45,13 +45,13 @@ class Places:
         """Whether every place is in use."""
         return len(self.connections) >= self.most
 
-    def take(self, key: str, connection: Connection) -> None:
+    def add(self, key: str, connection: Connection) -> None:
         """Give a connection the place of a key."""
         self.connections[key] = connection
         while len(self.connections) + len(self._kept) > self.most:
             self._forget(next(iter(self._kept)))
 
-    def leave(self, key: str, kept: Kept | None) -> None:
+    def remove(self, key: str, kept: Kept | None) -> None:
         """Free a connection's place; keep its session for a while where there is one to keep."""
         del self.connections[key]
         if kept is None:
