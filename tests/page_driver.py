@@ -36,7 +36,7 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 # A link whose messages can be held back, which knows what was asked for and what was shown.
 LINK = """
 window.link = {delay: 0, held: null, mute: false, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null,
-               frame: 0, frames: 0};
+               frame: 0, frames: 0, scenes: 0};
 const Native = link.Native = WebSocket;
 window.WebSocket = class extends Native {
     constructor(address) {
@@ -50,8 +50,10 @@ window.WebSocket = class extends Native {
                 const {seq, state, frame} = JSON.parse(new TextDecoder().decode(new Uint8Array(event.data, 8, length)));
                 Object.assign(link, {answered: seq, shown: state.needle.depth, frame});
             }
-            if (typeof event.data === "string") link.key = JSON.parse(event.data).session ?? link.key;
+            const said = typeof event.data === "string" ? JSON.parse(event.data) : {};
+            link.key = said.session ?? link.key;
             handler(event);
+            link.scenes += said.type === "scene";
         };
         super.onmessage = handler && ((event) => {
             const binary = event.data instanceof ArrayBuffer;

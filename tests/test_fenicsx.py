@@ -86,6 +86,7 @@ def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_obli
     assert largest_difference(ours, theirs) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_live_solver_converges_to_its_field_in_every_scene(name, ratio):

@@ -65,8 +65,10 @@ def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive, widgets):
     driver = drive(script=LINK)
     driver.until("document.querySelector('canvas.view3d') !== null")
     for use in widgets:
+        scenes = driver.evaluate("link.scenes") + (use is choose_a_scene)
         use(driver.page)
         driver.until(FOCUSED)
+        driver.until(f"link.scenes >= {scenes}")
         driver.until(f"{STATUS} === 'live'")
         driver.answered()
         before = driver.evaluate("link.shown")

@@ -155,6 +155,7 @@ def recentre(driver):
     driver.settled()
 
 
+@pytest.mark.slow
 def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the_view_turns(drive):
     driver = drive()
     driver.until("document.querySelector('.view3d')")

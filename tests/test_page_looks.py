@@ -172,7 +172,9 @@ def test_the_names_in_the_plot_stand_apart_and_within_it(drive, layout):
             assert apart, (a, b)
 
 
-@pytest.mark.parametrize("size", [(720, 450), (512, 384)], ids=["of 1440 x 900", "of 1024 x 768"])
+@pytest.mark.parametrize(
+    "size", [(720, 450), pytest.param((512, 384), marks=pytest.mark.slow)], ids=["of 1440 x 900", "of 1024 x 768"]
+)
 def test_at_200_percent_the_right_column_scrolls_and_the_image_does_not(drive, size):
     driver = drive(size=size)
     page = driver.page
@@ -214,6 +216,7 @@ def test_with_forced_colours_the_marks_are_the_systems_and_the_image_stays_black
     )
 
 
+@pytest.mark.slow
 def test_more_contrast_and_less_motion_are_heard(drive):
     driver = drive(contrast="more")
     assert driver.page.evaluate(COLOUR, [".stepper", "borderTopColor"]) == [0x66, 0x71, 0x7D]

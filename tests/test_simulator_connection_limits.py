@@ -194,7 +194,7 @@ def frame(first, payload):
 @pytest.mark.parametrize(
     "message",
     [
-        b'{"type": "undo_pass"}',
+        pytest.param(b'{"type": "undo_pass"}', marks=pytest.mark.slow),
         pytest.param(b'{"type": "ping"}', marks=pytest.mark.slow),
         pytest.param(b"no", marks=pytest.mark.slow),
         None,
