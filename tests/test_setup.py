@@ -161,7 +161,7 @@ def test_the_tests_need_more_and_their_arguments_pass_on(machine):
     assert "chromium (for the tests in a browser)" in said
     wanted = "python3 python3-venv python3-dev g++ nodejs npm chromium"
     assert bare.calls_file.read_text().splitlines()[1].strip().endswith(wanted)
-    assert bare.calls()[-1] == "pytest -n 2 -m not slow -k needle or probe"
+    assert bare.calls()[-1] == "pytest -n 2 --dist worksteal -m not slow -k needle or probe"
     assert "no step or option" in bare.start("test", "all", code=2)
     assert "--no-install" in bare.start("test", "--help")
     assert "--no-install" in bare.start("run", "--help")
