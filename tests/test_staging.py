@@ -293,13 +293,15 @@ def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path, number, code):
 
 
 SWALLOWING = WAITING.replace(
-    "    time.sleep(60)",
+    """    print("ready", flush=True)
+    time.sleep(60)""",
     """
     try:
-        time.sleep(60)
-    except:
-        pass
-    try:
+        try:
+            print("ready", flush=True)
+            time.sleep(60)
+        except:
+            pass
         time.sleep(60)
     finally:
         time.sleep(2)  # what cleans up is not interrupted
