@@ -64,7 +64,7 @@ def test_a_smooth_displacement_is_approached_at_second_order(element):
     assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", [SOLVERS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SOLVERS[1:])])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_it_agrees_with_scikit_fem(unit_tissue, an_oblique_needle, element, solver):
     ours, theirs = both(unit_tissue, LineForce(), an_oblique_needle, element=element, solver=solver)

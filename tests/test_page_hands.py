@@ -183,6 +183,7 @@ def test_dragging_the_probe_slides_and_sweeps_its_ring_rotates_and_beside_it_the
     assert (driver.knob("slide"), driver.knob("rotate")) == (0, turned)
 
 
+@pytest.mark.slow
 def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
     driver = drive(script=LINK)
     page = driver.page
