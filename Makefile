@@ -42,4 +42,4 @@ fenicsx:  ## the paper's finite element engine, for the system's Python (Debian,
 	@$(SET_UP) fenicsx
 
 clean:
-	rm -rf .venv build docs/_build web/node_modules src/sonospline/simulator/page
+	rm -rf .venv build docs/_build web/node_modules src/sonospline/server/page

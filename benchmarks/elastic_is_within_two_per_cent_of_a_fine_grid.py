@@ -13,9 +13,9 @@ import sys
 import numpy as np
 
 import sonospline as ss
-from sonospline.elastic import SCENES, ElasticSolver, scene
-from sonospline.fem import LineForce
-from sonospline.validation.insertions import held_out_insertions
+from sonospline.mechanics import LineForce
+from sonospline.models.elastic import SCENES, ElasticSolver, scene
+from sonospline.study.insertions import held_out_insertions
 
 FRAMES = 60
 LOAD = LineForce()

@@ -14,8 +14,8 @@ import numpy as np
 
 import sonospline as ss
 from sonospline import _core
-from sonospline.elastic import ElasticSolver, scene
-from sonospline.fem import LineForce
+from sonospline.mechanics import LineForce
+from sonospline.models.elastic import ElasticSolver, scene
 
 ROUNDS, IN_A_ROW = 8, 10
 LOAD = LineForce()

@@ -11,13 +11,13 @@ import sys
 import numpy as np
 
 import sonospline as ss
-from sonospline.elastic import ElasticSolver
-from sonospline.fem import LineForce, ShaftDisplacement
-from sonospline.validation.held_shaft import held_shaft
-from sonospline.validation.insertions import held_out_insertions, tuning_insertions
-from sonospline.validation.objective import Objective, errors_at_target
-from sonospline.validation.reference import Reference, errors_along
-from sonospline.validation.tuning import search
+from sonospline.mechanics import LineForce, ShaftDisplacement
+from sonospline.models.elastic import ElasticSolver
+from sonospline.study.held_shaft import held_shaft
+from sonospline.study.insertions import held_out_insertions, tuning_insertions
+from sonospline.study.objective import Objective, errors_at_target
+from sonospline.study.reference import Reference, errors_along
+from sonospline.study.tuning import search
 
 tissue = ss.Tissue(ss.Grid.unit_cube(25))
 solver = ElasticSolver(tissue, integration="full")  # as the reference of the paper's study

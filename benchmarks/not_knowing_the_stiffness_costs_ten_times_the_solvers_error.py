@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 import sonospline as ss
-from sonospline.elastic import SCENES, ElasticInsertion, ElasticSolver, TissueMap, scene
-from sonospline.fem import LineForce, Material
-from sonospline.validation.insertions import held_out_insertions
-from sonospline.volume import Volume
+from sonospline.geometry.volume import Volume
+from sonospline.mechanics import LineForce, Material, TissueMap
+from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
+from sonospline.study.insertions import held_out_insertions
 
 SIDE, FINE, FRAMES, DRAWS = 25, 49, 60, 8
 LOAD = LineForce()

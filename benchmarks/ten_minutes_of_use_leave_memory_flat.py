@@ -10,7 +10,7 @@ import argparse
 import json
 import sys
 
-from sonospline.benchmark.soak import soak
+from sonospline.study.soak import soak
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("--minutes", type=float, default=10.0)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 import sonospline as ss
 from sonospline import _core
-from sonospline.phantom import default_needle, layered_block
-from sonospline.ultrasound import ImagePlane, Probe, Reslicer, Ultrasound, facing, kidney_phantom
+from sonospline.geometry import ImagePlane, facing
+from sonospline.geometry.layered_block import default_needle, layered_block
+from sonospline.ultrasound import Probe, Reslicer, Ultrasound, kidney_phantom
 
 
 def timed(name: str, frame: Callable[[int], object], count: int, target: float) -> None:

@@ -13,19 +13,18 @@ from pathlib import Path
 import numpy as np
 
 import sonospline as ss
-from sonospline._canvas import blank
+from sonospline.geometry import ImagePlane, facing
+from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
 from sonospline.ultrasound import (
     Display,
     Frame,
-    ImagePlane,
     NodeSlice,
     PlaneSlice,
     Probe,
     Reslicer,
     Scene,
     Ultrasound,
-    facing,
     kidney_phantom,
     swept,
 )

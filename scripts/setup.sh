@@ -6,7 +6,7 @@
 here=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 root=$(dirname "$here")
 log=$root/build/setup.log
-page=src/sonospline/simulator/page
+page=src/sonospline/server/page
 remedy=  # what to do if the step at hand fails
 
 say() { printf '%s: %s\n' "${0##*/}" "$*" >&2; }

@@ -8,10 +8,11 @@ import numpy as np
 
 from sonospline import Grid
 from sonospline._core import twin
-from sonospline.ultrasound import Probe, Scene, facing
+from sonospline.geometry import facing
+from sonospline.geometry.volume import Volume
+from sonospline.ultrasound import Probe, Scene
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics, Scan, picture_plane
-from sonospline.volume import Volume
 
 SHAPE, SPACING = (6, 5, 7), (1.0, 1.5, 0.8)
 AFFINE = np.vstack([np.zeros(3), np.eye(3)])

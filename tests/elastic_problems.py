@@ -3,9 +3,9 @@
 import numpy as np
 
 import sonospline as ss
-from sonospline.fem import Material
 from sonospline.fem.engine import System
 from sonospline.fem.mesh import cells
+from sonospline.mechanics import Material
 
 GRADIENT = np.array([[0.02, -0.01, 0.03], [0.015, -0.02, 0.01], [-0.005, 0.01, 0.025]])
 

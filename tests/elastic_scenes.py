@@ -4,8 +4,9 @@ import numpy as np
 
 import sonospline as ss
 from elastic_problems import largest_difference
-from sonospline.elastic import ElasticSolver, TissueMap, TissueMaterial, scene
-from sonospline.fem import CellMaterial, FiniteElementModel, LineForce
+from sonospline.fem import FiniteElementModel
+from sonospline.mechanics import CellMaterial, LineForce, TissueMap, TissueMaterial
+from sonospline.models.elastic import ElasticSolver, scene
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 

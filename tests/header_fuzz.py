@@ -10,8 +10,8 @@ import sys
 import numpy as np
 
 from sonospline._extras import require
+from sonospline.geometry.volume import Volume
 from sonospline.io.volumes import to_sitk
-from sonospline.volume import Volume
 
 FORMATS = ("raw.mha", "packed.mha", "apart.mhd", "raw.nrrd", "packed.nrrd", "apart.nhdr", "plain.nii", "packed.nii.gz")
 HOSTILE = (

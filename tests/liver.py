@@ -3,7 +3,8 @@
 import numpy as np
 
 import sonospline as ss
-from sonospline.ultrasound import Display, Probe, Scene, Ultrasound, facing
+from sonospline.geometry import facing
+from sonospline.ultrasound import Display, Probe, Scene, Ultrasound
 
 LINEAR = Probe.linear(depth_mm=40, lines=128, aperture_mm=25.4)
 CURVED = Probe.curvilinear(depth_mm=100, lines=128, aperture_mm=42)

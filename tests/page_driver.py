@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sonospline.simulator.server import PAGE
+from sonospline.server.server import PAGE
 
 SIZES = {
     "desktop": (1440, 900), "compact": (1024, 768), "tablet": (1180, 820), "portrait": (820, 1180), "phone": (360, 740),

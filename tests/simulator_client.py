@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import SceneFile, wire
-from sonospline.simulator.library import Entry, Library
-from sonospline.simulator.server import Server
+from sonospline.server import wire
+from sonospline.server.scene_catalog import Entry, Library
+from sonospline.server.server import Server
+from sonospline.simulator import SceneFile
 
 websockets = pytest.importorskip("websockets")
 from websockets.sync.client import connect  # noqa: E402

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sonospline as ss
-from sonospline import _core, anchored
-from sonospline.anchored import Solution
+from sonospline import _core
+from sonospline.models.spline import anchored
+from sonospline.models.spline.anchored import Solution
 
 KERNELS = [ss.Biharmonic(), ss.Triharmonic()]
 

@@ -7,8 +7,11 @@ import pytest
 
 from builds import needs_core
 from sonospline import _core, cli
-from sonospline.benchmark import claims, contenders, machine, report, timing
-from sonospline.benchmark.problem import Problem
+from sonospline.study import contenders, machine
+from sonospline.study import speed_claims as claims
+from sonospline.study import speed_report as report
+from sonospline.study import stopwatch as timing
+from sonospline.study.problem import Problem
 
 
 @pytest.mark.parametrize("contender", [*contenders.OURS, *contenders.PEERS], ids=lambda c: c.name)
@@ -81,7 +84,7 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
         if contender.module in ("torch", "pykeops", "itk"):
             monkeypatch.setattr(contender, "module", "surely_not_installed", raising=False)
     pinned = []
-    monkeypatch.setattr("sonospline.benchmark.machine.pin", lambda threads: pinned.append(threads) or [0])
+    monkeypatch.setattr("sonospline.study.machine.pin", lambda threads: pinned.append(threads) or [0])
     arguments = ["bench", "--quick", "--rounds", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
     assert cli.main(arguments) == 0
     results = json.loads(capsys.readouterr().out)
@@ -100,13 +103,13 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
 
 def test_the_race_needs_the_compiled_core(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(_core, "active", _core.twin)
-    monkeypatch.setattr("sonospline.benchmark.machine.pin", lambda threads: [0])
+    monkeypatch.setattr("sonospline.study.machine.pin", lambda threads: [0])
     assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 1
     assert "compiled core is not in use" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_time_the_host_withheld_is_its_part_of_all_ticks(monkeypatch):
-    monkeypatch.setattr("sonospline.benchmark.machine.processor_ticks", lambda: (130, 1400))
+    monkeypatch.setattr("sonospline.study.machine.processor_ticks", lambda: (130, 1400))
     assert machine.withheld_since((100, 1000)) == pytest.approx(30 / 400)
     assert machine.withheld_since(None) is None

@@ -7,9 +7,9 @@ import pytest
 
 import sonospline as ss
 from poses import BOXES, poses
-from sonospline.elastic import ElasticInsertion
-from sonospline.fem import Material
-from sonospline.kelvinlet import DRAG
+from sonospline.mechanics import Material
+from sonospline.models.elastic import ElasticInsertion
+from sonospline.models.kelvinlet.kelvinlet import DRAG
 
 
 def box(name, face="x-", spacing=1.0):

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from sonospline import _cache
+from sonospline.study.notebook import Notebook
 from sonospline.ultrasound import kidney_phantom
-from sonospline.validation.notebook import Notebook
 
 ARRAY = np.random.default_rng(3).standard_normal((9, 11))
 
@@ -168,7 +168,7 @@ HOMELESS += [f"--{kind}-caps=+dac_override,+dac_read_search" for kind in ("inh",
 KEEP_AND_DRAW = """
 import sys
 from pathlib import Path
-from sonospline._canvas import picture
+from sonospline.io.canvas import picture
 from sonospline.ultrasound import kidney_phantom
 kidney_phantom(spacing_mm=4.0, kept=True)
 with picture(Path(sys.argv[1]), 2, 2):

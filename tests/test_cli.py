@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 import sonospline as ss
 from builds import run_without
 from sonospline import cli
+from sonospline.geometry.layered_block import layered_block
+from sonospline.geometry.volume import Volume
 from sonospline.io.volumes import read_volume, to_sitk, write_volume
-from sonospline.phantom import layered_block
-from sonospline.volume import Volume
 
 sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 

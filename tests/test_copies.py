@@ -9,10 +9,12 @@ import pytest
 
 import sonospline as ss
 from simulator_scenes import SMALL
-from sonospline.elastic import ElasticInsertion, scene
-from sonospline.fem import FiniteElementModel, LineForce
+from sonospline.fem import FiniteElementModel
+from sonospline.geometry import facing
+from sonospline.mechanics import LineForce
+from sonospline.models.elastic import ElasticInsertion, scene
 from sonospline.simulator import SceneFile, Session
-from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound, facing
+from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
 
 HOWS = {"pickle": lambda thing: pickle.loads(pickle.dumps(thing)), "deepcopy": copy.deepcopy}
 SIDE = 100.0

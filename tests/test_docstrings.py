@@ -29,7 +29,7 @@ MODULES = list(module_names())
 
 
 def test_the_search_finds_the_rooms():
-    assert {"sonospline", "sonospline.spline", "sonospline._core.twin"} <= set(MODULES)
+    assert {"sonospline", "sonospline.models.spline.spline", "sonospline._core.twin"} <= set(MODULES)
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -40,7 +40,13 @@ def test_examples_run(name, tmp_path, monkeypatch):
     assert results.failed == 0
 
 
-@pytest.mark.parametrize("name", ["field", "grid", "insertion", "interaction", "kernels", "needle", "spline", "tissue"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("geometry.grid", "geometry.needle", "geometry.tissue", "fields.field", "fields.kernels"),
+        *("models.spline.insertion", "models.spline.interaction", "models.spline.spline"),
+    ],
+)
 def test_public_rooms_have_examples(name):
     finder = doctest.DocTestFinder()
     module = importlib.import_module(f"sonospline.{name}")

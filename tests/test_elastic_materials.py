@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.elastic import ElasticSolver, MaterialTable, TissueMap, TissueMaterial, largest_strain, scene
-from sonospline.elastic.materials import FLUID_SHEAR, read_label_names
-from sonospline.volume import Volume
+from sonospline.geometry.volume import Volume
+from sonospline.mechanics import FLUID_SHEAR, MaterialTable, TissueMap, TissueMaterial, read_label_names
+from sonospline.models.elastic import ElasticSolver, largest_strain, scene
 
 SOFT, STIFF = TissueMaterial(stiffness_kpa=1), TissueMaterial(stiffness_kpa=16)
 BONE = TissueMaterial(stiffness_kpa=1000, rigid=True)

@@ -7,20 +7,11 @@ import sonospline as ss
 from builds import needs_core
 from elastic_scenes import away_from_reference, bone_of, consistent_load
 from sonospline import _core
-from sonospline.elastic import (
-    SCENES,
-    ElasticInsertion,
-    ElasticSolver,
-    NotConvergedError,
-    TissueForce,
-    TissueMap,
-    TissueMaterial,
-    scene,
-    solver_grid,
-)
-from sonospline.elastic.load_vector import nodal_load
-from sonospline.fem import FiniteElementModel, LineForce, Material, ShaftDisplacement
-from sonospline.volume import Volume
+from sonospline.fem import FiniteElementModel
+from sonospline.geometry.volume import Volume
+from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueForce, TissueMap, TissueMaterial
+from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, NotConvergedError, scene, solver_grid
+from sonospline.models.elastic.load_vector import nodal_load
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 SMALL = 13**3
@@ -213,7 +204,7 @@ def test_a_step_that_breaks_down_keeps_the_last_field(monkeypatch):
 
 
 def test_an_unreachable_tolerance_says_so(monkeypatch):
-    monkeypatch.setattr("sonospline.elastic.solver._MOST_ITERATIONS", 4)
+    monkeypatch.setattr("sonospline.models.elastic.solver._MOST_ITERATIONS", 4)
     solver = ElasticSolver(cube(), scene("bone", voxels=48), nodes=SMALL)
     with pytest.raises(NotConvergedError, match=r"error estimate is .* above tolerance"):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-6)

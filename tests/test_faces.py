@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline import _memory, faces
+from sonospline import _memory
+from sonospline.models.spline import faces
 
 TILT = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
 

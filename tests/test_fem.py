@@ -9,18 +9,10 @@ import sonospline as ss
 from elastic_problems import largest_difference, manufactured_error, on_grid, patch_error
 from sonospline import _extras, _memory
 from sonospline._extras import MissingExtraError
-from sonospline.fem import (
-    CellMaterial,
-    FiniteElementModel,
-    LineForce,
-    Material,
-    ShaftDisplacement,
-    fenicsx,
-    reference_history,
-    scikit,
-)
+from sonospline.fem import FiniteElementModel, fenicsx, reference_history, scikit
 from sonospline.fem.scikit import ScikitFem
 from sonospline.fem.scikit_assembly import assemble
+from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
 
 pytest.importorskip("skfem", reason="needs the extra 'fem'")
 pytest.importorskip("pyamg", reason="needs the extra 'fem'")

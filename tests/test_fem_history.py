@@ -9,15 +9,8 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference
-from sonospline.fem import (
-    CellMaterial,
-    FiniteElementModel,
-    LineForce,
-    Material,
-    ShaftDisplacement,
-    history,
-    reference_history,
-)
+from sonospline.fem import FiniteElementModel, history, reference_history
+from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
 
 pytest.importorskip("skfem", reason="needs the extra 'fem'")
 pytest.importorskip("pyamg", reason="needs the extra 'fem'")

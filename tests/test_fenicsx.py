@@ -14,17 +14,10 @@ import sonospline as ss
 from elastic_problems import largest_difference, manufactured_error, patch_error
 from elastic_scenes import away_from_reference, bone_of
 from sonospline._extras import MissingExtraError
-from sonospline.elastic import SCENES, scene
-from sonospline.fem import (
-    CellMaterial,
-    FiniteElementModel,
-    LineForce,
-    Material,
-    ShaftDisplacement,
-    fenicsx,
-    reference_history,
-)
+from sonospline.fem import FiniteElementModel, fenicsx, reference_history
 from sonospline.fem.fenicsx import FEniCSx
+from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
+from sonospline.models.elastic import SCENES, scene
 
 ELEMENTS = ("hexahedron", "tetrahedron")
 SOLVERS = ("multigrid", "direct", "from_scratch")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import sonospline as ss
-from sonospline.grid import face_slice
+from sonospline.geometry.grid import face_slice
 
 
 def test_unit_cube_has_the_papers_size():

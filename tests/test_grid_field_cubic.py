@@ -7,7 +7,8 @@ from scipy.sparse.linalg import spsolve
 
 import sonospline as ss
 from builds import needs_core
-from sonospline import _core, _spline_axis
+from sonospline import _core
+from sonospline._core import cubic_axis
 
 RANDOM = np.random.default_rng(5)
 
@@ -119,7 +120,7 @@ def test_cubics_are_nearer_to_a_smooth_field_than_lines():
 
 
 def test_a_filter_of_many_nodes_is_a_band():
-    matrix = _spline_axis.filter_matrix(100)
+    matrix = cubic_axis.filter_matrix(100)
     assert (matrix != 0).sum(axis=1).max() < 40
 
 

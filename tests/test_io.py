@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.geometry.volume import Volume
 from sonospline.io.transforms import ImageWarp
 from sonospline.io.volumes import RAS_TO_LPS, read_volume, to_sitk, write_volume
 from sonospline.io.vtk import write_vti
-from sonospline.volume import Volume
 
 sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 

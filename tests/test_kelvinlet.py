@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.elastic import ElasticSolver
-from sonospline.fem import LineForce, Material, ShaftDisplacement
-from sonospline.validation.held_shaft import held_shaft
-from sonospline.validation.insertions import held_out_insertions
-from sonospline.validation.metrics import displacement_errors
-from sonospline.validation.objective import model_of
+from sonospline.mechanics import LineForce, Material, ShaftDisplacement
+from sonospline.models.elastic import ElasticSolver
+from sonospline.study.held_shaft import held_shaft
+from sonospline.study.insertions import held_out_insertions
+from sonospline.study.metrics import displacement_errors
+from sonospline.study.objective import model_of
 
 HELD_OUT = [((0.45, 0.5), (0.45, 0.5, 0.55)), ((0.3, 0.5), (0.6, 0.5, 0.5)), ((0.37, 0.41), (0.7, 0.62, 0.53))]
 

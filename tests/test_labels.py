@@ -12,17 +12,16 @@ from hypothesis import strategies as st
 
 import sonospline as ss
 from sonospline.commands import image
-from sonospline.elastic import TissueMap, TissueMaterial
-from sonospline.elastic.materials import read_label_names
+from sonospline.geometry.label_map import LabelMap
+from sonospline.geometry.volume import Volume
 from sonospline.io.labels import names_beside, names_of
 from sonospline.io.tables import read_names
 from sonospline.io.volumes import write_volume
-from sonospline.label_map import LabelMap
+from sonospline.mechanics import TissueMap, TissueMaterial, read_label_names
 from sonospline.simulator import SceneFile
 from sonospline.ultrasound import Scene
 from sonospline.ultrasound.acoustics import read_table
 from sonospline.ultrasound.organs import scene_from_organs
-from sonospline.volume import Volume
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
@@ -229,8 +228,8 @@ def test_an_acoustic_table_is_read_by_the_same_rules(tmp_path):
 @pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
 def test_what_is_no_ordinary_file_is_refused_at_once(tmp_path, kind):
     from sonospline.commands._parameters import apply
-    from sonospline.elastic import MaterialTable
     from sonospline.io.volumes import read_volume
+    from sonospline.mechanics import MaterialTable
     from sonospline.ultrasound import Frame, read_dicom
 
     def made(name):
@@ -285,7 +284,7 @@ def test_a_warped_label_map_holds_no_label_that_was_not_there():
 
 
 def test_label_maps_are_told_from_images():
-    from sonospline.label_map import looks_like_labels
+    from sonospline.geometry.label_map import looks_like_labels
 
     noise = np.random.default_rng(0).integers(0, 256, (30, 28, 26))
     smooth = np.indices((30, 28, 26)).sum(0)
@@ -296,8 +295,8 @@ def test_label_maps_are_told_from_images():
 
 
 def test_real_images_and_label_maps_are_told_apart(shared_data):
+    from sonospline.geometry.label_map import looks_like_labels
     from sonospline.io.volumes import read_volume
-    from sonospline.label_map import looks_like_labels
 
     assert looks_like_labels(read_volume(shared_data / "abdomen_labels.nii.gz"))
     for name in ("abdomen_ct.nii.gz", "spine_phantom_us.mha", "liver_speckle.mha"):

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sonospline as ss
-from sonospline import _core, _memory, lattice_sum
+from sonospline import _core, _memory
+from sonospline.fields import lattice_sum
 
 ENTRY, TIP = np.array([[0, 0.45, 0.5], [0.6, 0.5, 0.55]])
 

@@ -5,12 +5,13 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference
-from sonospline.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
-from sonospline.elastic.scenes import TISSUES
-from sonospline.fem import CellMaterial, FiniteElementModel, LineForce, ShaftDisplacement
-from sonospline.validation import models
-from sonospline.validation.held_shaft import held_shaft
-from sonospline.validation.insertions import held_out_insertions
+from sonospline.fem import FiniteElementModel
+from sonospline.mechanics import CellMaterial, LineForce, ShaftDisplacement
+from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
+from sonospline.models.elastic.labelled_cubes import TISSUES
+from sonospline.study import models_compared as models
+from sonospline.study.held_shaft import held_shaft
+from sonospline.study.insertions import held_out_insertions
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 HELD = ShaftDisplacement(radius=0.06)

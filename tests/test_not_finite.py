@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.elastic import ElasticInsertion, NotConvergedError, TissueMaterial
-from sonospline.fem import LineForce, Material, ShaftDisplacement
+from sonospline.geometry import ImagePlane, facing
+from sonospline.geometry.volume import Volume
+from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueMaterial
+from sonospline.models.elastic import ElasticInsertion, NotConvergedError
 from sonospline.simulator.imaging import ReslicedImager, grey_range
-from sonospline.ultrasound import Display, ImagePlane, NeedleEcho, Probe, Scene, Ultrasound, facing
+from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
 from sonospline.ultrasound.acoustics import TISSUES
 from sonospline.ultrasound.frame import as_bytes
 from sonospline.ultrasound.reslice import Reslicer
-from sonospline.volume import Volume
 
 PARAMETERS = [
     NeedleEcho.trocar(), TISSUES["liver"], Probe.curvilinear(), Display(), LineForce(), Material(), ShaftDisplacement(),

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 import sonospline as ss
 from sonospline._shown import figure, inside
+from sonospline.geometry import facing
 from sonospline.simulator import SceneFile
 from sonospline.simulator._fields import FieldError
 from sonospline.simulator.scene_file import DisplayPart, ModelPart, NeedlePart, ProbePart, TissuePart
 from sonospline.simulator.wish import ImageWish, Limits, NeedleWish, ProbeWish, Wish
-from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+from sonospline.ultrasound import Probe, Scene, Ultrasound
 
 PARTS = {"tissue": TissuePart, "model": ModelPart, "needle": NeedlePart, "probe": ProbePart, "display": DisplayPart}
 NUMBERS = [

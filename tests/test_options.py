@@ -13,7 +13,7 @@ from importlib import import_module
 import pytest
 
 from sonospline import _memory, cli
-from sonospline.simulator import server
+from sonospline.server import server
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 pytest.importorskip("pymoo", reason="needs the extra 'tune'")

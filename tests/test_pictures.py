@@ -10,15 +10,16 @@ from pathlib import Path
 import pytest
 
 from builds import run_without
-from sonospline import _canvas, cli
-from sonospline._canvas import attempt, picture
+from sonospline import cli
+from sonospline.io import canvas as _canvas
+from sonospline.io.canvas import attempt, picture
 
 pytest.importorskip("matplotlib", reason="needs the extra 'plot'")
 
 DRAW = """
 import sys
 from pathlib import Path
-from sonospline._canvas import attempt, picture
+from sonospline.io.canvas import attempt, picture
 
 def draw():
     with picture(Path(sys.argv[1]), 4, 3) as figure:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from sonospline import cli
-from sonospline.validation import claims, report, study, timing
-from sonospline.validation.insertions import held_out_insertions
-from sonospline.validation.models import Scope
-from sonospline.validation.notebook import Notebook
+from sonospline.study import claims, report, study, timing
+from sonospline.study.insertions import held_out_insertions
+from sonospline.study.models_compared import Scope
+from sonospline.study.notebook import Notebook
 
 for package in ("skfem", "pyamg", "pymoo", "matplotlib"):
     pytest.importorskip(package, reason="needs the extras 'tune' and 'plot'")

@@ -78,7 +78,7 @@ class Machine:
         for name in COPIED:
             (self.project / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, self.project / name)
-        for name in ("src/sonospline/_core/src/core.cpp", "src/sonospline/simulator/server.py"):
+        for name in ("src/sonospline/_core/src/core.cpp", "src/sonospline/server/server.py"):
             (self.project / name).parent.mkdir(parents=True)
             (self.project / name).touch()
         self.environment = {
@@ -138,7 +138,7 @@ def test_a_bare_machine_is_told_what_comes_and_why_then_served_with_the_options_
     assert install.split()[-6:] == ["python3", "python3-venv", "python3-dev", "g++", "nodejs", "npm"]
     served = f"serve --port 9000 --scene my block.toml in {bare.stubs}"  # a path in it is the caller's
     assert prefixes(rest) == [*SET_UP, served]
-    assert (bare.project / "src/sonospline/simulator/page/index.html").read_text() == "page\n"
+    assert (bare.project / "src/sonospline/server/page/index.html").read_text() == "page\n"
 
 
 def test_a_second_start_does_nothing_twice_and_a_change_what_it_needs(machine):

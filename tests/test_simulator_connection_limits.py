@@ -15,8 +15,8 @@ import pytest
 
 from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import connection_limits, conversation, protocols, server
-from sonospline.simulator.connection_limits import ConnectionLimits, pending_within
+from sonospline.server import connection_limits, conversation, protocols, server
+from sonospline.server.connection_limits import ConnectionLimits, pending_within
 
 UPGRADE = (
     "GET /live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

@@ -6,9 +6,9 @@ import socket
 import numpy as np
 import pytest
 
+from sonospline.server.file_access import refuse_elsewhere
+from sonospline.server.scene_catalog import Library
 from sonospline.simulator import SceneFile
-from sonospline.simulator.file_access import refuse_elsewhere
-from sonospline.simulator.library import Library
 
 pytest.importorskip("SimpleITK")
 

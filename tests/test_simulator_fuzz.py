@@ -11,8 +11,9 @@ import pytest
 
 from simulator_client import Client, websockets
 from simulator_scenes import SMALL, SMALL_PAPER
-from sonospline.simulator import SceneError, SceneFile, messages
-from sonospline.simulator.messages import MOST_SEQ, MessageError
+from sonospline.server import messages
+from sonospline.server.messages import MOST_SEQ, MessageError
+from sonospline.simulator import SceneError, SceneFile
 from sonospline.simulator.wish import Wish
 
 EVERY_DAY, SLOWLY = 2_000, 50_000

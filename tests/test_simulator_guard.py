@@ -8,7 +8,7 @@ from urllib.parse import quote
 import pytest
 
 from simulator_client import Client, Running, websockets
-from sonospline.simulator.guard import Guard
+from sonospline.server.guard import Guard
 
 OURS = "127.0.0.1:8765"
 TOKEN = "open sesame & more=ü/?#%"
@@ -274,7 +274,7 @@ def test_static_files_carry_the_headers(running):
 
 
 def has_page():
-    from sonospline.simulator import server
+    from sonospline.server import server
 
     return (Path(server.__file__).parent / "page" / "index.html").is_file()
 

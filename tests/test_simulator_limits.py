@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from simulator_scenes import SMALL
+from sonospline.geometry import facing
 from sonospline.simulator import SceneFile, Session
-from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+from sonospline.ultrasound import Probe, Scene, Ultrasound
 
 KNOBS = ("gain", "depth", "frequency", "focus")
 BLOCK = """name = "Block"

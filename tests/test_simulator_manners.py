@@ -12,12 +12,12 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import rate_limits
-from sonospline.simulator.connection import MOST_COMMANDS, MOST_REFUSALS, Connection
-from sonospline.simulator.library import Library
-from sonospline.simulator.messages import MessageError
-from sonospline.simulator.outbox import Outbox
-from sonospline.simulator.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
+from sonospline.server import rate_limits
+from sonospline.server.connection import MOST_COMMANDS, MOST_REFUSALS, Connection
+from sonospline.server.messages import MessageError
+from sonospline.server.outbox import Outbox
+from sonospline.server.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
+from sonospline.server.scene_catalog import Library
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def test_an_idle_session_is_closed():
 @pytest.mark.slow
 def test_rough_use_leaves_the_server_well(tmp_path):
     """Seconds of what benchmarks/ten_minutes_of_use_leave_memory_flat.py does for ten minutes."""
-    from sonospline.benchmark.soak import soak
+    from sonospline.study.soak import soak
 
     scene = tmp_path / "small.toml"
     scene.write_text(SMALL_PAPER)

@@ -7,7 +7,8 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.simulator import SceneFile, Session, connection, session_pool
+from sonospline.server import connection, session_pool
+from sonospline.simulator import SceneFile, Session
 
 
 def back(running, page):

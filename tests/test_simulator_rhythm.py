@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sonospline.simulator.rhythm import Rhythm
+from sonospline.simulator.arrival_clock import Rhythm
 
 
 def after(beats):

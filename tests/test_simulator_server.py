@@ -11,7 +11,8 @@ import pytest
 import sonospline as ss
 from simulator_client import websockets
 from simulator_scenes import SMALL, SMALL_PAPER
-from sonospline.simulator import Session, wire
+from sonospline.server import wire
+from sonospline.simulator import Session
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):

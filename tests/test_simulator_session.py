@@ -9,7 +9,7 @@ import pytest
 
 import sonospline as ss
 from simulator_scenes import SMALL
-from sonospline.elastic import ElasticInsertion
+from sonospline.models.elastic import ElasticInsertion
 from sonospline.simulator import Runner, SceneFile, Session, World
 from sonospline.simulator.skin_frame import SkinFrame, room_along
 from sonospline.ultrasound import Ultrasound
@@ -257,7 +257,7 @@ def test_targets_are_chosen(session):
 
 
 def test_folding_tissue_is_seen(world):
-    from sonospline.simulator.folding import folds
+    from sonospline.simulator.fold_check import folds
 
     grid, needle = world.tissue.grid, the_needle(world, world.start.with_needle(depth=30.0))
     values = np.zeros((*grid.shape, 3), np.float32)

@@ -5,11 +5,12 @@ import pytest
 from scipy.sparse import diags_array
 
 import sonospline as ss
-from sonospline import _definite, _spline_axis
-from sonospline.elastic import ElasticSolver, Moduli
-from sonospline.fem import Material, ShaftDisplacement
+from sonospline import _definite
+from sonospline._core import cubic_axis
 from sonospline.fem.sparse_solvers import Solver, conjugate_gradients
-from sonospline.validation.held_shaft import held_shaft
+from sonospline.mechanics import Material, Moduli, ShaftDisplacement
+from sonospline.models.elastic import ElasticSolver
+from sonospline.study.held_shaft import held_shaft
 
 
 def test_a_sound_system_is_solved_as_it_is(rng):
@@ -78,4 +79,4 @@ def test_a_shaft_that_holds_nodes_it_cannot_tell_apart_is_refused(monkeypatch):
 
 @pytest.mark.parametrize("nodes", [2, 3, 4, 5, 10, 100])
 def test_cubics_between_nodes_are_well_conditioned(nodes):
-    assert np.linalg.cond(_spline_axis.filter_matrix(nodes)) < 10
+    assert np.linalg.cond(cubic_axis.filter_matrix(nodes)) < 10

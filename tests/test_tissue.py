@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import sonospline as ss
-from sonospline.elastic import ElasticInsertion
-from sonospline.fem import Material
+from sonospline.mechanics import Material
+from sonospline.models.elastic import ElasticInsertion
 
 
 @pytest.mark.parametrize("entry_face", ss.FACES)

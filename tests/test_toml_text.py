@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sonospline.elastic import MaterialTable
 from sonospline.io.toml_text import MOST_DEPTH, MOST_PARTS, TomlError, loads
+from sonospline.mechanics import MaterialTable
 
 CROWDED = "a.b.c.d.e.f.g.h.i.j.k [[[[[[[[[[[[[[[[[[[[ {{{{{{{{{{{{{{{{{{{{ # "
 

@@ -14,12 +14,12 @@ import sonospline as ss
 from builds import run_without
 from sonospline import cli
 from sonospline.commands import _parameters, tune
-from sonospline.validation import front_files, parallel
-from sonospline.validation.insertions import tuning_insertions
-from sonospline.validation.objective import TUNABLES, Objective, errors_at_target, model_of
-from sonospline.validation.parallel import dask_executor, rows_in_parallel
-from sonospline.validation.reference import Reference, errors_along
-from sonospline.validation.tuning import ParetoFront, search
+from sonospline.study import front_files, parallel
+from sonospline.study.insertions import tuning_insertions
+from sonospline.study.objective import TUNABLES, Objective, errors_at_target, model_of
+from sonospline.study.parallel import dask_executor, rows_in_parallel
+from sonospline.study.reference import Reference, errors_along
+from sonospline.study.tuning import ParetoFront, search
 
 pymoo = pytest.importorskip("pymoo", reason="needs the extra 'tune'")
 
@@ -132,7 +132,7 @@ def test_rows_keep_their_order_on_any_executor():
 def test_workers_do_not_outlive_a_killed_search(tmp_path):
     (tmp_path / "killed.py").write_text(
         "import os, signal, numpy\n"
-        "from sonospline.validation.parallel import rows_in_parallel\n"
+        "from sonospline.study.parallel import rows_in_parallel\n"
         "if __name__ == '__main__':\n"
         "    with rows_in_parallel(numpy.cumsum, workers=1) as apply:\n"
         "        print(apply(numpy.ones((1, 2))), flush=True)\n"

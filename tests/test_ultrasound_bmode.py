@@ -10,10 +10,11 @@ import sonospline as ss
 from builds import INSTRUCTION_SETS, needs_core
 from liver import CURVED, EDGE, FLAT, LINEAR, SEEDS, a_field, liver_scanner
 from sonospline import _core
-from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound, facing
+from sonospline.geometry import facing
+from sonospline.geometry.volume import Volume
+from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics
-from sonospline.volume import Volume
 
 
 def two_layers(tissue):

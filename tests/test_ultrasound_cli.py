@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sonospline.cli import main
+from sonospline.geometry.layered_block import layered_block
 from sonospline.io.volumes import write_volume
-from sonospline.phantom import layered_block
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 QUICK = ["--voxel", "2", "--nodes", "4000", "--quiet", "--json"]

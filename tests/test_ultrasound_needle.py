@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound, facing
+from sonospline.geometry import facing
+from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
 from sonospline.ultrasound.optics import CUT_WEIGHT
 
 PROBE = Probe.linear(depth_mm=40, lines=160, aperture_mm=32)

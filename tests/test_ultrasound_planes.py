@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from sonospline.ultrasound import ImagePlane, NodeSlice, PlaneSlice, Probe, facing
-from sonospline.ultrasound.pose import rigid, to_image, to_reference
+from sonospline.geometry import ImagePlane, facing, rigid, to_image, to_reference
+from sonospline.ultrasound import NodeSlice, PlaneSlice, Probe
 
 POSE = facing((10, 20, 30), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
 

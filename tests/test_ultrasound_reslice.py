@@ -8,8 +8,9 @@ import pytest
 import sonospline as ss
 from builds import needs_core
 from sonospline import _core
-from sonospline.phantom import default_needle, layered_block
-from sonospline.ultrasound import Frame, ImagePlane, Reslicer, facing, swept
+from sonospline.geometry import ImagePlane, facing
+from sonospline.geometry.layered_block import default_needle, layered_block
+from sonospline.ultrasound import Frame, Reslicer, swept
 
 BACK_ENDS = [_core.twin] + ([_core.native] if _core.native else [])
 
@@ -82,7 +83,7 @@ def test_core_and_twin_cut_alike(block, block_field, block_plane, monkeypatch):
 @pytest.mark.parametrize("pixel_mm", [0.15, 0.7])
 def test_pixels_show_the_voxel_that_the_inverse_map_brings_there(block, block_field, back_end, pixel_mm, monkeypatch):
     """Images whose grey is the voxel's own index say where a pixel came from: to 0.02 of a voxel."""
-    from sonospline.volume import Volume
+    from sonospline.geometry.volume import Volume
 
     monkeypatch.setattr(_core, "active", back_end)
     lattice = block.lattice
@@ -127,7 +128,7 @@ def test_what_the_sweep_never_saw_stays_masked_and_moves_with_the_tissue(block, 
     [(np.zeros((4, 4, 4), complex), "grey image"), (np.zeros((4, 4, 4), "U1"), "grey image")],
 )
 def test_a_volume_of_the_wrong_type_is_refused(voxels, message):
-    from sonospline.volume import Volume
+    from sonospline.geometry.volume import Volume
 
     with pytest.raises(ValueError, match=message):
         Reslicer(Volume(voxels=voxels, spacing=(1, 1, 1)))

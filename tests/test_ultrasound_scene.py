@@ -6,12 +6,13 @@ import pytest
 import sonospline as ss
 from builds import needs_core
 from sonospline import _core
-from sonospline.ultrasound import Probe, Scene, Ultrasound, facing, kidney_phantom
+from sonospline.geometry import facing
+from sonospline.geometry.volume import Volume
+from sonospline.ultrasound import Probe, Scene, Ultrasound, kidney_phantom
 from sonospline.ultrasound.acoustics import TISSUES, known, read_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
 from sonospline.ultrasound.kidney import LABELS
 from sonospline.ultrasound.organs import read_organ_names, scene_from_organs, tissue_of
-from sonospline.volume import Volume
 
 
 @pytest.fixture(scope="module")

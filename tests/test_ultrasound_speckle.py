@@ -7,7 +7,8 @@ from scipy.signal import fftconvolve
 
 import sonospline as ss
 from liver import CURVED, EDGE, FLAT, LINEAR, SEEDS, liver_scanner, shifted, speckle
-from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+from sonospline.geometry import facing
+from sonospline.ultrasound import Probe, Scene, Ultrasound
 from sonospline.ultrasound.optics import CUT_WEIGHT
 
 

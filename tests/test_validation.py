@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sonospline as ss
-from sonospline.validation import readings
-from sonospline.validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
-from sonospline.validation.metrics import displacement_errors, mean_errors
-from sonospline.validation.objective import errors_at_target
-from sonospline.validation.plane import NeedlePlane
-from sonospline.validation.reference import Reference, errors_along
-from sonospline.validation.thin_plate import ThinPlate, plane_errors
+from sonospline.study import readings
+from sonospline.study.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
+from sonospline.study.metrics import displacement_errors, mean_errors
+from sonospline.study.needle_plane import NeedlePlane
+from sonospline.study.objective import errors_at_target
+from sonospline.study.reference import Reference, errors_along
+from sonospline.study.thin_plate import ThinPlate, plane_errors
 
 ALL = (*tuning_insertions(), *held_out_insertions())
 PAPER = ss.NeedleTissueModel.paper()

@@ -27,8 +27,8 @@ import json, resource, sys
 from pathlib import Path
 import numpy as np
 import sonospline as ss
-from sonospline._canvas import picture
-from sonospline.grid_field import GridField
+from sonospline.io.canvas import picture
+from sonospline.fields.grid_field import GridField
 from sonospline.io.transforms import ImageWarp
 from sonospline.io.volumes import write_volume
 from sonospline.io.vtk import write_vti
@@ -36,8 +36,8 @@ from sonospline.io.writing import write_json
 from sonospline.ultrasound.acoustics import TISSUES, write_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
 from sonospline.ultrasound.frame import Frame
-from sonospline.ultrasound.plane import ImagePlane
-from sonospline.volume import Volume
+from sonospline.geometry import ImagePlane
+from sonospline.geometry.volume import Volume
 
 folder, shares = Path(sys.argv[1]), json.loads(sys.argv[2])
 random = np.random.default_rng(0)
@@ -174,8 +174,8 @@ VERBS = {
 def command_of(name, folder):
     arguments = list(VERBS[name])
     if name.endswith(".nii"):
+        from sonospline.geometry.layered_block import layered_block
         from sonospline.io.volumes import write_volume
-        from sonospline.phantom import layered_block
 
         if not (folder / "block.nii").exists():
             write_volume(layered_block(), folder / "block.nii")

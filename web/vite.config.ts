@@ -6,7 +6,7 @@ export default defineConfig({
   base: "./",
   server: { host: "127.0.0.1" },
   build: {
-    outDir: "../src/sonospline/simulator/page",
+    outDir: "../src/sonospline/server/page",
     emptyOutDir: true,
     target: "es2022",
     assetsInlineLimit: 0,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .._spline_axis import filter_matrix
+from .cubic_axis import filter_matrix
 from .twin_checks import numbered, require, require_order, require_spacing
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grid import Grid
+from ..geometry.grid import Grid
 
 
 def add_argument(group: Any) -> None:

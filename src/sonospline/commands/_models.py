@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .. import _validate
-from ..elastic import ElasticInsertion, TissueMap
-from ..fem.loads import LineForce
-from ..fem.material import Material
-from ..insertion import Insertion, NeedleInsertion
-from ..interaction import NeedleTissueModel
-from ..kelvinlet import DragModel, KelvinletInsertion
-from ..kernels import Biharmonic, Triharmonic
-from ..tissue import Tissue
+from ..fields.kernels import Biharmonic, Triharmonic
+from ..geometry.tissue import Tissue
+from ..mechanics.loads import LineForce
+from ..mechanics.material import Material
+from ..mechanics.tissue_map import TissueMap
+from ..models.elastic import ElasticInsertion
+from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
+from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.spline.interaction import NeedleTissueModel
 from . import _limits, _parameters
 from ._progress import bar
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import _validate
-from ..interaction import NeedleTissueModel
 from ..io.files import read_text
 from ..io.toml_text import TomlError, loads
+from ..models.spline.interaction import NeedleTissueModel
 
 _LONGEST_MM = 1e6
 

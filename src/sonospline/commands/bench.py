@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from .. import _core
-from .._canvas import attempt
-from ..benchmark import claims, live, machine, report, suite
+from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
+from ..study import live, machine, suite
+from ..study import speed_claims as claims
+from ..study import speed_report as report
 from . import _limits
 from ._progress import say
 

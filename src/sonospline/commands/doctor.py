@@ -12,10 +12,10 @@ import numpy as np
 
 from .. import _core
 from .._extras import PROVIDES, present
-from ..grid import Grid
-from ..insertion import Insertion
-from ..needle import Needle
-from ..tissue import Tissue
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
+from ..models.spline.insertion import Insertion
 
 HELP = "say which versions, backend and extras are in use, and check that they compute correctly"
 EXAMPLES = """examples:

@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 
 from .. import _core
 from .._extras import require
-from ..grid import Grid
-from ..grid_field import GridField
-from ..insertion import Insertion
-from ..interaction import NeedleTissueModel
+from ..fields.grid_field import GridField
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from ..geometry.plane import ImagePlane
+from ..geometry.pose import facing
+from ..geometry.tissue import Tissue
 from ..io.labels import labels_named, read_labels, warn_of_labels
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
 from ..io.writing import write_json
-from ..needle import Needle
-from ..tissue import Tissue
+from ..models.spline.insertion import Insertion
+from ..models.spline.interaction import NeedleTissueModel
 from ..ultrasound.acoustics import read_table
 from ..ultrasound.cine import write_gif, write_sequence
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, read_organ_names, scene_from_organs
-from ..ultrasound.plane import ImagePlane
-from ..ultrasound.pose import facing
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.scene import LARGEST_LABEL, Scene

@@ -15,23 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._canvas import attempt
-from ..elastic import ElasticInsertion, TissueMap
-from ..elastic.strain import SMALL
-from ..field import Field
-from ..figure import draw_insertion
-from ..grid_field import GridField
-from ..insertion import Insertion, NeedleInsertion
+from ..fields.field import Field
+from ..fields.grid_field import GridField
+from ..geometry.label_map import LabelMap, looks_like_labels
+from ..geometry.layered_block import default_needle, layered_block
+from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
+from ..geometry.volume import Volume
+from ..io.canvas import attempt
+from ..io.insertion_figure import draw_insertion
 from ..io.staging import staged_folder
 from ..io.transforms import ImageWarp
 from ..io.volumes import RAS_TO_LPS, read_volume, suffix_of, write_volume
 from ..io.vtk import write_vti
 from ..io.writing import write_json
-from ..label_map import LabelMap, looks_like_labels
-from ..needle import Needle
-from ..phantom import default_needle, layered_block
-from ..tissue import Tissue
-from ..volume import Volume
+from ..mechanics.tissue_map import TissueMap
+from ..models.elastic import ElasticInsertion
+from ..models.elastic.strain import SMALL
+from ..models.spline.insertion import Insertion, NeedleInsertion
 from . import _folds, _limits, _models, _points
 from ._progress import track
 

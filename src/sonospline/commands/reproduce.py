@@ -10,27 +10,26 @@ from typing import Any
 
 import numpy as np
 
-from .._canvas import attempt
 from .._extras import require
-from ..benchmark import machine
 from ..fem import fenicsx
-from ..grid import Grid
-from ..insertion import Insertion
-from ..interaction import NeedleTissueModel
+from ..geometry.grid import Grid
+from ..geometry.layered_block import layered_block
+from ..geometry.tissue import Tissue
+from ..geometry.volume import Volume
+from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.volumes import read_volume
 from ..io.writing import write_json, write_text
-from ..phantom import layered_block
-from ..tissue import Tissue
-from ..validation import front_files, report, study
-from ..validation.figure_curves import draw_curves
-from ..validation.figure_mesh import draw_mesh
-from ..validation.figure_models import draw_depths, draw_maps
-from ..validation.figure_slices import Compared, draw_slices
-from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
-from ..validation.notebook import Notebook
-from ..validation.tuning import ParetoFront
-from ..volume import Volume
+from ..models.spline.insertion import Insertion
+from ..models.spline.interaction import NeedleTissueModel
+from ..study import front_files, machine, report, study
+from ..study.figure_curves import draw_curves
+from ..study.figure_mesh import draw_mesh
+from ..study.figure_models import draw_depths, draw_maps
+from ..study.figure_slices import Compared, draw_slices
+from ..study.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
+from ..study.notebook import Notebook
+from ..study.tuning import ParetoFront
 from . import _limits
 from ._progress import say
 

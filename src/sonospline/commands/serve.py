@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     # Before NumPy is loaded: the threads of its BLAS spin on the processors that draw the picture.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .. import _terminal
-    from ..simulator.server import Server
+    from ..server.server import Server
     from . import _limits
 
     _limits.check(
@@ -91,7 +91,7 @@ def _leave(code: int) -> None:
 
 
 def _library(args: argparse.Namespace) -> Any:
-    from ..simulator.library import Entry, Library
+    from ..server.scene_catalog import Entry, Library
     from ..simulator.scene_file import SHIPPED, SceneFile
 
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]

@@ -11,19 +11,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .._canvas import attempt
 from .._extras import require
-from ..grid import Grid
-from ..interaction import NeedleTissueModel
+from ..geometry.grid import Grid
+from ..geometry.tissue import Tissue
+from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
-from ..tissue import Tissue
-from ..validation import front_files
-from ..validation.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
-from ..validation.objective import TUNABLES, Objective, errors_at_target
-from ..validation.parallel import dask_executor, usable_processors
-from ..validation.reference import Reference
-from ..validation.tuning import GENERATIONS, POPULATION, ParetoFront, search
+from ..models.spline.interaction import NeedleTissueModel
+from ..study import front_files
+from ..study.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
+from ..study.objective import TUNABLES, Objective, errors_at_target
+from ..study.parallel import dask_executor, usable_processors
+from ..study.reference import Reference
+from ..study.tuning import GENERATIONS, POPULATION, ParetoFront, search
 from . import _limits, _parameters
 from ._progress import bar, track
 

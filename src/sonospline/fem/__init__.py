@@ -1,23 +1,9 @@
-"""Finite element reference solutions: what the spline is measured against.
+"""Finite element reference solutions: what the models are measured against.
 
 Linear elasticity on the tissue's own nodes, with two load cases and two engines. Needs the
 extra ``fem``; the engine ``"fenicsx"`` needs DOLFINx, in this or in another Python.
 """
 
-from .engine import StepTimes
-from .history import history_of, reference_history
-from .loads import LineForce, Load, ShaftDisplacement
-from .material import CellMaterial, Material
-from .model import FiniteElementModel
+import lazy_loader
 
-__all__ = [
-    "CellMaterial",
-    "FiniteElementModel",
-    "LineForce",
-    "Load",
-    "Material",
-    "ShaftDisplacement",
-    "StepTimes",
-    "history_of",
-    "reference_history",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .material import CellMaterial, Material
+from ..mechanics.material import CellMaterial, Material
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

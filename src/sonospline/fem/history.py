@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _cache, _validate
-from ..faces import Progress
-from ..needle import Needle
-from ..tissue import Tissue
-from .loads import LineForce, Load
-from .material import CellMaterial, Material
+from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
+from ..mechanics.loads import LineForce, Load
+from ..mechanics.material import CellMaterial, Material
+from ..models.spline.faces import Progress
 from .model import FiniteElementModel
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
-from ..grid import Grid
+from ..geometry.grid import Grid
 
 Index = NDArray[np.int64]
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _memory, _validate
-from ..needle import Needle
-from ..tissue import Tissue
+from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
+from ..mechanics.loads import Load
+from ..mechanics.material import CellMaterial, Material
 from .engine import INTEGRATIONS, SOLVERS, Engine, StepTimes, System, check_locking
 from .fenicsx import FEniCSx
-from .loads import Load
-from .material import CellMaterial, Material
 from .mesh import ELEMENTS, cells
 from .scikit import ScikitFem
 
@@ -67,7 +67,8 @@ class FiniteElementModel:
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.fem import FiniteElementModel, LineForce
+    >>> from sonospline.fem import FiniteElementModel
+    >>> from sonospline.mechanics import LineForce
     >>> model = FiniteElementModel(ss.Tissue(ss.Grid.unit_cube(9)))
     >>> u = model.solve(LineForce(), ss.Needle(entry=(0, .5, .5), tip=(.6, .5, .5)))
     >>> u.shape, bool(0.01 < u[..., 0].max() < 0.03)

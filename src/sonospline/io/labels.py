@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..label_map import LARGEST, LabelMap, looks_like_labels
-from ..volume import Volume
+from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
+from ..geometry.volume import Volume
 from .volumes import read_volume, suffix_of
 
 logger = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
     >>> import numpy as np
     >>> import sonospline as ss
     >>> from sonospline.io.volumes import write_volume
-    >>> from sonospline.volume import Volume
+    >>> from sonospline.geometry.volume import Volume
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_volume(Volume(voxels=np.full((4, 4, 4), 4.9999995), spacing=(1, 1, 1)), folder + "/organs.nrrd")
     ...     int(ss.read_labels(folder + "/organs.nrrd").voxels.max())

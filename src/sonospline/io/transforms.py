@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._extras import require
-from ..field import Field, InverseReport
-from ..grid import Grid
-from ..label_map import LabelMap
-from ..volume import Volume
+from ..fields.field import Field, InverseReport
+from ..geometry.grid import Grid
+from ..geometry.label_map import LabelMap
+from ..geometry.volume import Volume
 from .volumes import RAS_TO_LPS, from_sitk, place, to_sitk
 from .writing import write_bytes
 

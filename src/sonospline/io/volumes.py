@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .. import _memory
 from .._extras import require
-from ..grid import Grid
-from ..volume import Volume
+from ..geometry.grid import Grid
+from ..geometry.volume import Volume
 from .headers import SUFFIXES, WHOLE, Header, HeaderError, read_header
 from .writing import write_image
 

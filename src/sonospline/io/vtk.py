@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._extras import require
-from ..grid import Grid
+from ..geometry.grid import Grid
 from .volumes import RAS_TO_LPS
 from .writing import write_text
 

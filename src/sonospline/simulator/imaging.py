@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grid_field import GridField
-from ..needle import Needle
+from ..fields.grid_field import GridField
+from ..geometry.needle import Needle
+from ..geometry.plane import ImagePlane
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
 from ..ultrasound.optics import picture_plane
-from ..ultrasound.plane import ImagePlane
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer
 from ..ultrasound.scene import Scene

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ..elastic import ElasticInsertion
-from ..fem.loads import LineForce
-from ..fem.material import Material
-from ..insertion import Insertion, NeedleInsertion
-from ..kelvinlet import DragModel, KelvinletInsertion
+from ..mechanics.loads import LineForce
+from ..mechanics.material import Material
+from ..models.elastic import ElasticInsertion
+from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
+from ..models.spline.insertion import Insertion, NeedleInsertion
 from .world import World
 
 SETTLED = 5e-4

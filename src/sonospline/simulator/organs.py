@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._cache import digest, keep, place, recall
 from .._extras import require
-from ..volume import Volume
+from ..geometry.volume import Volume
 from .scene_file import SurfacePart
 from .surfaces import Array, Index, Mesh
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.kidney import BOX_MM, LABELS, kidney_phantom
 from ..ultrasound.scene import Scene
-from ..volume import Volume
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .rhythm import Rhythm
+from .arrival_clock import Rhythm
 from .wish import Wish
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
-from ..grid_field import GridField
-from ..insertion import NeedleInsertion
-from ..needle import Needle
+from ..fields.grid_field import GridField
+from ..geometry.needle import Needle
+from ..models.spline.insertion import NeedleInsertion
 from . import models
-from .figures import PassFigures
-from .folding import folds
+from .fold_check import folds
 from .imaging import Imager, tuned
+from .pass_metrics import PassFigures
 from .scene_file import MODELS, SceneFile
 from .shot import Readouts, Shot
 from .skin_frame import room_along

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grid_field import GridField
-from ..needle import Needle
+from ..fields.grid_field import GridField
+from ..geometry.needle import Needle
 from ..ultrasound.frame import Frame
-from .figures import PassFigures
+from .pass_metrics import PassFigures
 from .wish import Wish
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..grid import FACES, Grid
+from ..geometry.grid import FACES, Grid
 from .wish import NeedleWish, ProbeWish
 
 Array = NDArray[np.float64]

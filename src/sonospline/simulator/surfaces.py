@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grid import Grid
+from ..geometry.grid import Grid
 from .skin_frame import SkinFrame
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def grid_lines(grid: Grid, frame: SkinFrame) -> Mesh:
 
 def _face_corners(grid: Grid, face: str) -> Array:
     """First corner of a face and its two neighbours, in the lattice frame."""
-    from ..grid import FACES
+    from ..geometry.grid import FACES
 
     axis, end = divmod(FACES.index(face), 2)
     corner = np.zeros(3)

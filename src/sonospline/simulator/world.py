@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elastic import MaterialTable, TissueMap
-from ..elastic.materials import read_label_names
-from ..grid import Grid
-from ..grid_field import GridField
+from ..fields.grid_field import GridField
+from ..geometry.grid import Grid
+from ..geometry.tissue import Tissue
+from ..geometry.volume import Volume
 from ..io.labels import labels_named, names_of, read_labels, warn_of_labels
 from ..io.volumes import read_volume
-from ..tissue import Tissue
+from ..mechanics.tissue_map import TissueMap
+from ..mechanics.tissue_material import MaterialTable, read_label_names
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
 from ..ultrasound.organs import LARGEST_ORGAN, scene_from_organs
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.scene import Scene
 from ..ultrasound.synthesis import Display
-from ..volume import Volume
 from . import surfaces
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
 from .organs import organs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .._canvas import blank
+from ..io.canvas import blank
 
 
 def axes_or_new(ax: Any, width: float = 5.0, height: float = 5.0) -> Any:

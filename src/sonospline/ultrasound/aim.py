@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..grid import Grid
-from . import pose
+from ..geometry import pose
+from ..geometry.grid import Grid
 from .optics import RAY_SAMPLES, RAYS, Optics
 from .scatterers import PER_BRICK
 from .scene import Scene

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._extras import require
-from ..field import Field
+from ..fields.field import Field
+from ..geometry import pose
+from ..geometry.plane import ImagePlane
 from ..io.files import regular_file
-from . import pose
 from ._axes import axes_or_new
-from .plane import ImagePlane
 
 if TYPE_CHECKING:
-    from ..needle import Needle
+    from ..geometry.needle import Needle
 
 logger = logging.getLogger(__name__)
 
@@ -39,7 +39,8 @@ class Frame:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.ultrasound import Frame, facing
+    >>> from sonospline.ultrasound import Frame
+    >>> from sonospline.geometry import facing
     >>> frame = Frame.placed(np.zeros((400, 260), np.uint8), spacing_mm=0.1,
     ...                      image_to_reference=facing((0, 0, 0), depth=(1, 0, 0), right=(0, 1, 0)))
     >>> [round(edge, 2) for edge in frame.plane.extent]

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from .. import _validate
 from .._cache import digest, keep, place, recall
-from ..grid import Grid
-from ..needle import Needle
-from ..volume import Volume
-from . import pose
+from ..geometry import pose
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from ..geometry.volume import Volume
 from ._canvas3d import Array, Canvas
 from ._canvas3d import __file__ as canvas_file
 from .scene import Scene

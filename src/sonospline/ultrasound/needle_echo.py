@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
-from ..needle import Needle
-from . import pose
+from ..geometry import pose
+from ..geometry.needle import Needle
 from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics
 from .probe import SPEED_OF_SOUND
 

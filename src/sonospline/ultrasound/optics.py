@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .plane import ImagePlane
+from ..geometry.plane import ImagePlane
 from .probe import SPEED_OF_SOUND, Probe
 
 Array = NDArray[np.float64]

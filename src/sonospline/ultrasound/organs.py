@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.label_map import LabelMap
+from ..geometry.volume import Volume
 from ..io.tables import read_names
-from ..label_map import LabelMap
-from ..volume import Volume
 from .acoustics import TISSUES
 from .scene import Scene
 

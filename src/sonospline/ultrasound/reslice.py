@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..field import Field
-from ..grid_field import GridField, at_nodes
-from ..volume import Volume
+from ..fields.field import Field
+from ..fields.grid_field import GridField, at_nodes
+from ..geometry.plane import ImagePlane
+from ..geometry.volume import Volume
 from .frame import Frame
-from .plane import ImagePlane
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ def swept(volume: Volume, *, closing_mm: float = 2.0) -> NDArray[np.bool_]:
     --------
     >>> import numpy as np
     >>> from sonospline.ultrasound import swept
-    >>> from sonospline.volume import Volume
+    >>> from sonospline.geometry.volume import Volume
     >>> voxels = np.zeros((20, 20, 20)); voxels[:10] = 5; voxels[4, 9, 9] = 0
     >>> int(swept(Volume(voxels=voxels, spacing=(1, 1, 1))).sum())
     4000
@@ -62,8 +62,9 @@ class Reslicer:
 
     Examples
     --------
-    >>> from sonospline.phantom import layered_block
-    >>> from sonospline.ultrasound import ImagePlane, Reslicer
+    >>> from sonospline.geometry.layered_block import layered_block
+    >>> from sonospline.geometry import ImagePlane
+    >>> from sonospline.ultrasound import Reslicer
     >>> volume = layered_block()
     >>> plane = ImagePlane.crossing(volume.lattice, normal=(0, 0, 1), through=(48, 42, 42), pixels=256)
     >>> Reslicer(volume).cut(plane).pixels.shape

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _memory
+from ..geometry.label_map import LabelMap
+from ..geometry.volume import Volume
 from ..io.volumes import to_sitk
 from ..io.writing import write_image
-from ..label_map import LabelMap
-from ..volume import Volume
 from .acoustics import TISSUES, AcousticTissue, write_table
 from .interfaces import Interfaces
 from .scatterers import echo_scene
@@ -50,7 +50,7 @@ class Scene:
     --------
     >>> import numpy as np
     >>> from sonospline.ultrasound import Scene
-    >>> from sonospline.volume import Volume
+    >>> from sonospline.geometry.volume import Volume
     >>> Scene.uniform("liver", size_mm=(60, 20, 60)).tissues[0].name
     'liver'
     """

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._extras import require
-from ..field import Field
-from ..grid_field import GridField
-from ..needle import Needle
-from . import pose
+from ..fields.field import Field
+from ..fields.grid_field import GridField
+from ..geometry import pose
+from ..geometry.needle import Needle
+from ..geometry.plane import ImagePlane
 from ._axes import axes_or_new
 from .frame import draw_needle
-from .plane import ImagePlane
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,8 @@ class PlaneSlice:
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.ultrasound import ImagePlane, PlaneSlice
+    >>> from sonospline.geometry import ImagePlane
+    >>> from sonospline.ultrasound import PlaneSlice
     >>> insertion = ss.Insertion(ss.Tissue(ss.Grid.unit_cube(25)))
     >>> field = insertion.advance(ss.Needle((0, .5, .5), (.6, .5, .5)))
     >>> plane = ImagePlane.crossing(field.grid, normal=(0, 0, 1), through=(.5, .5, .5), pixels=64)

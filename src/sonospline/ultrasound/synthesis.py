@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
-from ..field import Field
-from ..grid import Grid
-from ..grid_field import GridField, at_nodes
-from ..needle import Needle
-from . import needle_echo, pose
+from ..fields.field import Field
+from ..fields.grid_field import GridField, at_nodes
+from ..geometry import pose
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from ..geometry.plane import ImagePlane
+from . import needle_echo
 from .aim import aim
 from .frame import Frame
 from .needle_echo import NeedleEcho
 from .optics import Optics, Scan, picture_plane
-from .plane import ImagePlane
 from .probe import Probe
 from .scene import Scene
 
@@ -110,7 +111,8 @@ class Ultrasound:
 
     Examples
     --------
-    >>> from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+    >>> from sonospline.ultrasound import Probe, Scene, Ultrasound
+    >>> from sonospline.geometry import facing
     >>> scene = Scene.uniform("liver", size_mm=(30, 10, 40))
     >>> probe = Probe.linear(depth_mm=30, lines=64, samples=512, aperture_mm=20)
     >>> scanner = Ultrasound(scene, probe, facing((15, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
@@ -162,7 +164,8 @@ class Ultrasound:
         Examples
         --------
         >>> from dataclasses import replace
-        >>> from sonospline.ultrasound import Probe, Scene, Ultrasound, facing
+        >>> from sonospline.ultrasound import Probe, Scene, Ultrasound
+        >>> from sonospline.geometry import facing
         >>> scene = Scene.uniform("liver", size_mm=(40, 10, 70))
         >>> pose = facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0))
         >>> scanner = Ultrasound(scene, Probe.linear(depth_mm=30), pose)

@@ -1,1 +1,0 @@
-"""The race behind ``sonospline bench``: problems, contenders, fair timing, report."""

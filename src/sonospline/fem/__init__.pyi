@@ -1,0 +1,4 @@
+from .engine import StepTimes as StepTimes
+from .history import history_of as history_of
+from .history import reference_history as reference_history
+from .model import FiniteElementModel as FiniteElementModel

@@ -1,0 +1,5 @@
+"""Displacement fields: what images, forces and files see, whoever made them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,127 @@
+"""An image plane: pixels on a rectangle anywhere in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _memory, _validate
+from . import pose
+from .grid import Grid
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImagePlane:
+    """A rectangle of pixels with a pose.
+
+    Parameters
+    ----------
+    image_to_reference : (4, 4) array_like
+        Rigid transform from the image frame (mm: x right, y down, z out of the plane) to the world.
+    shape : (int, int)
+        Rows and columns.
+    spacing_mm : (float, float) or float
+        Distance between pixel centres along x and y.
+    corner_mm : (float, float), default: (0, 0)
+        Image position of the centre of pixel (0, 0).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sonospline.geometry import ImagePlane
+    >>> plane = ImagePlane(image_to_reference=np.eye(4), shape=(100, 50), spacing_mm=0.5)
+    >>> plane.extent
+    (-0.25, 24.75, 49.75, -0.25)
+    """
+
+    image_to_reference: Array
+    shape: tuple[int, int]
+    spacing_mm: tuple[float, float]
+    corner_mm: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        set_(self, "image_to_reference", pose.rigid("image_to_reference", self.image_to_reference))
+        if np.shape(self.shape) != (2,):
+            raise ValueError(f"shape = {self.shape!r} is not two whole numbers; give rows and columns")
+        set_(self, "shape", tuple(_validate.count("shape", n) for n in self.shape))
+        spacing = np.broadcast_to(np.ravel(self.spacing_mm), 2) if np.size(self.spacing_mm) in (1, 2) else ()
+        if len(spacing) != 2:
+            raise ValueError(f"spacing_mm = {self.spacing_mm!r} is not one or two numbers; give mm along x and y")
+        set_(self, "spacing_mm", tuple(_validate.number("spacing_mm", h, positive=True) for h in spacing))
+        set_(self, "corner_mm", tuple(_validate.real("corner_mm", c) for c in self.corner_mm))
+
+    @classmethod
+    def crossing(
+        cls, grid: Grid, *, normal: ArrayLike, through: ArrayLike, right: ArrayLike | None = None, pixels: int = 512
+    ) -> ImagePlane:
+        """Return the plane across a box: it covers what the plane cuts from the box's bounding sphere.
+
+        Parameters
+        ----------
+        grid : Grid
+            The box.
+        normal : (3,) array_like
+            World direction the plane is seen along.
+        through : (3,) array_like
+            A world point of the plane.
+        right : (3,) array_like, optional
+            World direction of the picture's x; by default the world axis that lies best in the plane.
+        pixels : int, default: 512
+            Pixels along the longer side.
+        """
+        seen_along = _validate.vector("normal", normal)
+        if not seen_along.any():
+            raise ValueError("normal = [0, 0, 0] has no direction; give the direction the plane is seen along")
+        seen_along = seen_along / np.linalg.norm(seen_along)
+        x = np.eye(3)[int(np.argmin(np.abs(seen_along)))] if right is None else _validate.vector("right", right)
+        origin = _validate.vector("through", through)
+        transform = pose.facing(origin, depth=np.cross(seen_along, x), right=x)
+        corners = grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * grid.extent)
+        flat = pose.to_image(transform, corners)[:, :2]
+        low, size = flat.min(axis=0), np.ptp(flat, axis=0)
+        spacing = float(size.max()) / _validate.count("pixels", pixels, least=2)
+        columns, rows = (max(1, round(float(side / spacing))) for side in size)
+        return cls(
+            image_to_reference=transform,
+            shape=(rows, columns),
+            spacing_mm=(spacing, spacing),
+            corner_mm=(float(low[0] + spacing / 2), float(low[1] + spacing / 2)),
+        )
+
+    @cached_property
+    def points(self) -> Array:
+        """(rows * columns, 3) world positions of the pixel centres, row by row."""
+        rows, columns = self.shape
+        _memory.refuse_beyond(48 * rows * columns, f"shape = {self.shape}: the positions of its pixels")
+        flat = np.zeros((rows, columns, 3))
+        flat[..., 0] = self.corner_mm[0] + self.spacing_mm[0] * np.arange(columns)
+        flat[..., 1] = self.corner_mm[1] + self.spacing_mm[1] * np.arange(rows)[:, None]
+        return pose.to_reference(self.image_to_reference, flat.reshape(-1, 3))
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top edge in mm, as matplotlib's ``imshow`` takes them with ``origin="upper"``."""
+        (rows, columns), (dx, dy), (x, y) = self.shape, self.spacing_mm, self.corner_mm
+        return (x - dx / 2, x + (columns - 0.5) * dx, y + (rows - 0.5) * dy, y - dy / 2)
+
+    @property
+    def affine(self) -> Array:
+        """(3, 3) columns: the world steps of one column and of one row, and the world position of pixel (0, 0)."""
+        x, y, _, origin = self.image_to_reference[:3].T
+        corner = origin + self.corner_mm[0] * x + self.corner_mm[1] * y
+        return np.column_stack([self.spacing_mm[0] * x, self.spacing_mm[1] * y, corner])
+
+    def project(self, points: ArrayLike) -> Array:
+        """Return world points (m, 3) in the image frame: x, y and the distance z from the plane, mm."""
+        return pose.to_image(self.image_to_reference, _validate.points("points", points))
+
+    def misses(self, grid: Grid) -> bool:
+        """Return whether no pixel lies in the box of a grid."""
+        corners = grid.local(self.points)
+        return not bool(((corners >= 0) & (corners <= grid.extent)).all(axis=1).any())

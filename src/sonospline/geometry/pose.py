@@ -1,0 +1,87 @@
+"""Rigid transforms that place an image or a probe in the world (``ImageToReference``).
+
+The image frame is in mm: x to the right (the marked side of the probe), y away from the
+transducer, z = x cross y. The reference frame is the world, RAS mm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _validate
+
+Array = NDArray[np.float64]
+
+
+def rigid(name: str, matrix: ArrayLike) -> Array:
+    """Return a rigid (4, 4) transform, read-only; ValueError for one that shears, scales, mirrors or collapses."""
+    try:
+        transform = np.array(matrix, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {matrix!r} is not numeric; give a 4 x 4 matrix") from None
+    if transform.shape != (4, 4):
+        raise ValueError(f"{name} has shape {transform.shape}; give a 4 x 4 matrix")
+    if not np.isfinite(transform).all():
+        raise ValueError(f"{name} = {transform.tolist()} contains NaN or infinity; give finite numbers")
+    rotation = transform[:3, :3]
+    determinant = np.linalg.det(rotation)
+    if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4) or determinant < 0:
+        raise ValueError(
+            f"{name} is not rigid (determinant {determinant:.4g}); its columns must be orthonormal unit vectors in mm, "
+            "right-handed: fold pixel sizes into spacing_mm"
+        )
+    if not np.allclose(transform[3], (0, 0, 0, 1)):
+        raise ValueError(f"{name} has the last row {transform[3].tolist()}; give 0, 0, 0, 1")
+    left, _, right = np.linalg.svd(rotation)
+    transform[:3, :3] = left @ right  # freed of the rounding of files
+    transform.setflags(write=False)
+    return transform
+
+
+def facing(origin: ArrayLike, *, depth: ArrayLike, right: ArrayLike) -> Array:
+    """Return ``ImageToReference`` of an image whose origin is given, seen along ``depth``.
+
+    Parameters
+    ----------
+    origin : (3,) array_like
+        World position of the image's origin: the middle of the probe's face, the first pixel of a plane.
+    depth : (3,) array_like
+        World direction away from the transducer: the image's y.
+    right : (3,) array_like
+        World direction of the image's x; its part along ``depth`` is taken out.
+
+    Raises
+    ------
+    ValueError
+        Directions that are zero or parallel.
+
+    Examples
+    --------
+    >>> from sonospline.geometry import facing
+    >>> facing((50, 50, 0), depth=(0, 0, 1), right=(1, 0, 0))[:3, 2].tolist()
+    [0.0, -1.0, 0.0]
+    """
+    start = _validate.vector("origin", origin)
+    y, x = _validate.vector("depth", depth), _validate.vector("right", right)
+    if not y.any():
+        raise ValueError("depth = [0, 0, 0] has no direction; give a vector away from the transducer")
+    y = y / np.linalg.norm(y)
+    across = x - (x @ y) * y
+    if np.linalg.norm(across) <= 1e-9 * max(1.0, float(np.linalg.norm(x))):
+        raise ValueError(f"right = {x.tolist()} is zero or parallel to depth; give a vector across it")
+    x = across / np.linalg.norm(across)
+    transform = np.eye(4)
+    transform[:3] = np.column_stack([x, y, np.cross(x, y), start])
+    transform.setflags(write=False)
+    return transform
+
+
+def to_reference(transform: Array, points: Array) -> Array:
+    """Return image points (m, 3) in the reference frame."""
+    return points @ transform[:3, :3].T + transform[:3, 3]
+
+
+def to_image(transform: Array, points: Array) -> Array:
+    """Return reference points (m, 3) in the image frame; inverse of :func:`to_reference`."""
+    return (points - transform[:3, 3]) @ transform[:3, :3]

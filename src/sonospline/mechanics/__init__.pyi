@@ -1,0 +1,13 @@
+from .loads import AxialForce as AxialForce
+from .loads import LineForce as LineForce
+from .loads import Load as Load
+from .loads import ShaftDisplacement as ShaftDisplacement
+from .material import CellMaterial as CellMaterial
+from .material import Material as Material
+from .moduli import Moduli as Moduli
+from .tissue_force import TissueForce as TissueForce
+from .tissue_map import TissueMap as TissueMap
+from .tissue_material import FLUID_SHEAR as FLUID_SHEAR
+from .tissue_material import MaterialTable as MaterialTable
+from .tissue_material import TissueMaterial as TissueMaterial
+from .tissue_material import read_label_names as read_label_names

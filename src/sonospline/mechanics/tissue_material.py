@@ -1,0 +1,163 @@
+"""What each labelled tissue is made of, and the table of it, read from TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from .. import _validate
+from .._shown import shown
+from ..io.files import read_text
+from ..io.tables import read_names
+from ..io.toml_text import TomlError, loads
+from .material import Material
+from .moduli import check_ratio
+
+FLUID_SHEAR = 0.01
+"""A fluid keeps its first modulus and this share of the second: it shears freely, at constant volume."""
+
+_BACKGROUND = "soft_tissue"
+"""What label 0 is, where the names do not say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TissueMaterial:
+    """Stiffness of one tissue and what a needle in it meets.
+
+    Parameters
+    ----------
+    stiffness_kpa : float
+        Young's modulus, above zero.
+    poissons_ratio : float, default: 0.45
+        At or above zero and at most 0.49.
+    friction_n_per_mm : float, default: 0.03
+        Force per length along the shaft, at or above zero.
+    cutting_force_n : float, default: 0.7
+        Force at an advancing tip, at or above zero.
+    rigid : bool, default: False
+        Bone: a cell is all bone where most of it is, and else none. Mixing would smear it.
+    fluid : bool, default: False
+        A hundredth of the shear modulus with the compressibility kept.
+    source : str, default: "assumed"
+        Where the values come from.
+
+    Raises
+    ------
+    ValueError
+        A value out of range.
+
+    Examples
+    --------
+    >>> from sonospline.mechanics import TissueMaterial
+    >>> [round(modulus, 3) for modulus in TissueMaterial(stiffness_kpa=6).lame_moduli]
+    [18.621, 2.069]
+    """
+
+    stiffness_kpa: float
+    poissons_ratio: float = 0.45
+    friction_n_per_mm: float = 0.03
+    cutting_force_n: float = 0.7
+    rigid: bool = False
+    fluid: bool = False
+    source: str = "assumed"
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness_kpa", "poissons_ratio", "friction_n_per_mm", "cutting_force_n"):
+            value = _validate.number(name, getattr(self, name), positive=name == "stiffness_kpa")
+            object.__setattr__(self, name, value)
+        check_ratio(self.poissons_ratio)
+
+    @property
+    def lame_moduli(self) -> tuple[float, float]:
+        """First and second Lamé modulus in kPa."""
+        solid = Material(self.stiffness_kpa, self.poissons_ratio)
+        return solid.first_lame, solid.shear_modulus * (FLUID_SHEAR if self.fluid else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialTable:
+    """Materials by the name of the tissue; a name may be a pattern, such as ``rib_*``.
+
+    Examples
+    --------
+    >>> from sonospline.mechanics import MaterialTable
+    >>> table = MaterialTable.assumed()
+    >>> table["rib_left_7"].rigid, table["rib_left_7"].source
+    (True, 'assumed')
+    """
+
+    materials: Mapping[str, TissueMaterial]
+
+    @classmethod
+    def assumed(cls) -> MaterialTable:
+        """Return the table that comes with the package: plausible values, none of them measured."""
+        return _assumed()
+
+    @classmethod
+    def read(cls, path: str | Path) -> MaterialTable:
+        """Read a TOML file of ``[tissue name]`` tables; tissues it does not name are the assumed ones.
+
+        Raises
+        ------
+        ValueError
+            A file that is not there or not TOML, an unknown key, or a value out of range.
+        """
+        try:
+            entries = loads(read_text(path, "materials", "a TOML file"))
+        except TomlError as error:
+            raise ValueError(f"materials = {str(path)!r} is not TOML ({error}); write [liver] tables") from None
+        return cls.assumed().preferring(_parsed(f"materials = {str(path)!r}", entries))
+
+    def preferring(self, others: Mapping[str, TissueMaterial]) -> MaterialTable:
+        """Return the table with others in the place of, and before, its own."""
+        return MaterialTable({**others, **{k: v for k, v in self.materials.items() if k not in others}})
+
+    def __getitem__(self, name: str) -> TissueMaterial:
+        """Return the material of a tissue.
+
+        Raises
+        ------
+        ValueError
+            The table has none; the message lists what it has.
+        """
+        for pattern, material in self.materials.items():
+            if name == pattern or fnmatchcase(name, pattern):
+                return material
+        known = ", ".join(self.materials)
+        raise ValueError(f"label {name!r} has no material; add a [{name}] table, or use one of {known}")
+
+
+def read_label_names(path: str | Path) -> dict[int, str]:
+    """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""
+    return {0: _BACKGROUND, **read_names(path, "label names")}
+
+
+@lru_cache(maxsize=1)
+def _assumed() -> MaterialTable:
+    text = files(__package__).joinpath("assumed_materials.toml").read_text()
+    return MaterialTable(_parsed("assumed_materials.toml", loads(text)))
+
+
+def _parsed(where: str, entries: dict[str, Any]) -> dict[str, TissueMaterial]:
+    known = [field.name for field in fields(TissueMaterial)]
+    table = {}
+    for name, values in entries.items():
+        if not isinstance(values, dict):
+            raise ValueError(
+                f"{where}: {name} = {shown(values)} is not a table; write [{name}] with stiffness_kpa = ..."
+            )
+        for key in values:
+            if key not in known:
+                raise ValueError(f"{where}: [{name}] has an unknown key {key!r}; use {', '.join(known)}")
+        if "stiffness_kpa" not in values:
+            raise ValueError(f"{where}: [{name}] lacks stiffness_kpa; add it")
+        try:
+            table[name] = TissueMaterial(**values)
+        except ValueError as error:
+            raise ValueError(f"{where}: [{name}] {error}") from None
+    return table

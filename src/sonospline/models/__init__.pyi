@@ -1,0 +1,9 @@
+from .elastic import ElasticInsertion as ElasticInsertion
+from .elastic import ElasticSolver as ElasticSolver
+from .kelvinlet import DragModel as DragModel
+from .kelvinlet import Kelvinlet as Kelvinlet
+from .kelvinlet import KelvinletField as KelvinletField
+from .kelvinlet import KelvinletInsertion as KelvinletInsertion
+from .spline import Insertion as Insertion
+from .spline import NeedleTissueModel as NeedleTissueModel
+from .spline import PolyharmonicSpline as PolyharmonicSpline

@@ -1,0 +1,9 @@
+from .insertion import ElasticInsertion as ElasticInsertion
+from .labelled_cubes import SCENES as SCENES
+from .labelled_cubes import scene as scene
+from .solver import ElasticSolver as ElasticSolver
+from .solver import ElasticState as ElasticState
+from .solver import NotConvergedError as NotConvergedError
+from .solver_grid import solver_grid as solver_grid
+from .strain import Strain as Strain
+from .strain import largest_strain as largest_strain

@@ -1,0 +1,64 @@
+"""The solver's own lattice over a tissue's box: nearly cubic cells, in numbers that halve well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ... import _validate
+from ...geometry.grid import Grid
+
+FLATTEST = 10.0
+"""Longest over shortest side of a box, at most."""
+
+_COUNTS = np.array(sorted({m << k for m in (4, 5, 6, 7, 13) for k in range(8)}))
+"""Cells along an axis: a small number times a power of two."""
+_BETWEEN = np.sqrt(_COUNTS[1:] * _COUNTS[:-1])
+"""Where one count is as near, in ratio, as the next."""
+
+
+def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
+    """Return a grid of about ``nodes`` nodes over the box of another, for the elastic solver.
+
+    Parameters
+    ----------
+    box : Grid
+        Its origin, direction and extent are taken, its nodes are not.
+    nodes : int, default: 15625
+        Nodes wanted; there are as many as the fitting numbers of cells give.
+
+    Raises
+    ------
+    ValueError
+        A box flatter than 10 : 1.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> from sonospline.models.elastic import solver_grid
+    >>> solver_grid(ss.Grid.unit_cube(53)).shape
+    (25, 25, 25)
+    >>> solver_grid(ss.Grid(shape=(60, 41, 31), spacing=2.0), nodes=30_000).shape
+    (41, 29, 25)
+    """
+    nodes = _validate.count("nodes", nodes, least=125)
+    flatness = box.extent.max() / box.extent.min()
+    if flatness > FLATTEST * (1 + 1e-9):
+        raise ValueError(
+            f"tissue.grid has sides {np.round(box.extent, 3).tolist()}, longest to shortest {flatness:.1f}; "
+            f"give a box of at most {FLATTEST:g} to 1"
+        )
+    finest = box.extent.min() / _COUNTS[-1]
+    spacings = np.geomspace(finest, box.extent.min() / _COUNTS[0], 400)
+    candidates = _cells(box.extent / spacings[:, None])
+    cells = candidates[np.abs(np.log(np.prod(candidates + 1.0, axis=1) / nodes)).argmin()]
+    return Grid(
+        shape=(int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1),
+        spacing=tuple(box.extent / cells),
+        origin=box.origin,
+        direction=box.direction,
+    )
+
+
+def _cells(wanted: np.ndarray) -> np.ndarray:
+    """The allowed counts nearest, in ratio, to those wanted."""
+    return _COUNTS[np.searchsorted(_BETWEEN, wanted)]

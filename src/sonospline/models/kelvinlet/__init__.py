@@ -1,0 +1,5 @@
+"""A mesh-free elastic kernel: one parameter, homogeneous tissue."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

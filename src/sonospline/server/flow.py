@@ -1,0 +1,96 @@
+"""Frames on their way to one page: their numbers, its credit, and which meshes it has."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from . import wire
+from .messages import MessageError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..simulator.runner import Stamp
+    from ..simulator.session import Session
+    from ..simulator.shot import Shot
+    from ..simulator.world import World
+
+MESH_HZ = 15.0
+
+
+class FrameFlow:
+    """Encodes frames, no more than a page draws, with mesh positions where the tissue moved.
+
+    Frames are encoded in the session's thread; the rest happens in the socket's loop.
+    """
+
+    def __init__(self) -> None:
+        self._flying: deque[int] = deque()
+        self._frames = self._of_older_scenes = 0
+        self._grid_wanted, self._ahead = False, 1
+        self._sent_field: object = None
+        self._sent_grid = False
+        self._shown: World | None = None
+        self._mesh_at = -1.0
+
+    def begin(self, session: Session) -> None:
+        """Go on with a session's frames; the page has no meshes of it yet."""
+        self._flying.clear()
+        self._of_older_scenes, self._shown = self._frames, None
+        self._sent_field, self._mesh_at = session.rest, -1.0
+
+    def view(self, grid: bool, ahead: int) -> None:
+        """Heed what the page shows and how far frames may be ahead of it."""
+        self._grid_wanted, self._ahead = grid, ahead
+
+    def may_send(self) -> bool:
+        """Return whether another frame is welcome."""
+        return len(self._flying) <= self._ahead
+
+    def drawn(self, frame: int) -> None:
+        """Take a frame and those before it for drawn.
+
+        Raises
+        ------
+        MessageError
+            It is not on its way.
+        """
+        if frame <= self._of_older_scenes:
+            return
+        if frame not in self._flying:
+            raise MessageError("drawn", f"frame = {frame} is not in flight; say once that a frame was drawn")
+        while self._flying and self._flying[0] <= frame:
+            self._flying.popleft()
+
+    def encode(self, world: World, shot: Shot, stamp: Stamp) -> bytes:
+        """Return the message of a picture."""
+        positions = self._positions(world, shot)
+        self._frames += 1
+        self._flying.append(self._frames)
+        return wire.frame(
+            shot, number=self._frames, seq=stamp.seq, positions=positions,
+            grid=positions is not None and self._sent_grid, server_ms=1e3 * (time.perf_counter() - stamp.since),
+        )  # fmt: skip
+
+    @property
+    def at_first(self) -> bool:
+        """Whether the newest frame is the first of its scene."""
+        return self._frames == self._of_older_scenes + 1
+
+    def show(self, world: World) -> None:
+        """Have positions sent from now on: the page knows the meshes."""
+        self._shown = world
+
+    def _positions(self, world: World, shot: Shot) -> NDArray[np.float32] | None:
+        """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
+        if world is not self._shown:
+            return None
+        now = time.monotonic()
+        changed = shot.field is not self._sent_field or self._grid_wanted != self._sent_grid
+        if not changed or now - self._mesh_at < 1 / MESH_HZ:
+            return None
+        self._sent_field, self._mesh_at, self._sent_grid = shot.field, now, self._grid_wanted
+        return world.deformed(shot.field, grid=self._grid_wanted)

@@ -1,0 +1,190 @@
+"""The scenes a server offers, each made once and shared by its sessions."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..simulator.scene_file import SHIPPED, SceneFile
+from . import wire
+from .memory_release import tidy
+from .worker import Worker
+
+if TYPE_CHECKING:
+    from ..simulator.session import Session
+    from ..simulator.world import World
+
+Progress = Callable[[float], None]
+Wanted = Callable[[], bool]
+
+logger = logging.getLogger(__name__)
+
+_KEPT = 2
+"""Worlds kept: one may be hundreds of megabytes."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A scene on offer."""
+
+    spec: SceneFile
+    folder: Path
+
+
+class Library:
+    """Scenes by their id.
+
+    Parameters
+    ----------
+    own : mapping of str to Entry, optional
+        Scenes of the user's, before the shipped ones.
+    first : str, optional
+        The scene a new page shows; by default the first.
+    """
+
+    def __init__(self, own: dict[str, Entry] | None = None, *, first: str | None = None) -> None:
+        shipped = {name: Entry(SceneFile.shipped(name), Path()) for name in SHIPPED}
+        self.scenes: dict[str, Entry] = {**(own or {}), **{k: v for k, v in shipped.items() if k not in (own or {})}}
+        self.first = next(iter(self.scenes)) if first is None else first
+        self._worlds: OrderedDict[str, World] = OrderedDict()
+        self._prepared: Session | None = None
+        self._waiting: list[Progress] = []
+        # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
+        # page brings along may take long, and holds up nobody who wants a scene on offer.
+        self._offered, self._brought = Worker("sonospline-scenes"), Worker("sonospline-brought-scenes")
+        self._tidying: Future[None] | None = None
+        self._brought_worlds: weakref.WeakSet[World] = weakref.WeakSet()
+
+    def hello(self, key: str, *, resumed: bool) -> dict[str, Any]:
+        """Return the greeting of a session, with the key it can be asked back by."""
+        scenes = [
+            {"id": key, "name": entry.spec.name, "description": entry.spec.description}
+            for key, entry in self.scenes.items()
+        ]
+        return wire.hello(version("sonospline"), scenes, self.first, key, resumed=resumed)
+
+    def title(self, name: str) -> str:
+        """Return what a scene calls itself; of a file that was not read yet, its name."""
+        return self.scenes[name].spec.name if name in self.scenes else name
+
+    def prepare(self) -> None:
+        """Begin to make the first scene and its first picture before anybody asks."""
+        self._offered.submit(self._prepare)
+
+    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Session]:
+        """Return a new session of a scene, its first picture made, once it is there.
+
+        Parameters
+        ----------
+        name : str
+            Id of a scene on offer, or the name of the file ``text`` is from.
+        text : str or None
+            A scene file from outside: files it names must lie in the folder the server was started in.
+        progress : callable
+            Told the share done, from another thread.
+        wanted : callable, optional
+            Asked now and then; the work is dropped when it says no.
+
+        Raises
+        ------
+        ValueError
+            By the future: a scene that cannot be made.
+        """
+        if text is not None:
+            return self._brought.submit(self._make_brought, name, text, progress, wanted)
+        self._waiting.append(progress)
+        future = self._offered.submit(self._deliver, name, progress)
+        future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
+        return future
+
+    def geometry(self, session: Session, wanted: Wanted = lambda: True) -> Future[bytes]:
+        """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
+        world = session.world
+        worker = self._brought if world in self._brought_worlds else self._offered
+        made = worker.submit(wire.geometry, world)
+        for preparation in (session.warm_up, world.prepare):
+            worker.submit(_if_wanted, wanted, preparation)
+        return made
+
+    def tidy(self) -> None:
+        """Give back the memory of sessions that ended, in a thread that makes scenes."""
+        if self._tidying is None or self._tidying.done():
+            with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
+                self._tidying = self._offered.submit(tidy)
+
+    def close(self, within_s: float = 2.0) -> bool:
+        """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
+        end = time.monotonic() + within_s
+        ended = [worker.close(max(0.0, end - time.monotonic())) for worker in (self._offered, self._brought)]
+        return all(ended)
+
+    def _prepare(self) -> None:
+        try:
+            self._prepared = _session(self._world(self.first, self._pass_on), self._pass_on)
+        except Exception as error:  # the first page is told why, when it asks
+            logger.warning("scene %s could not be made: %s", self.first, error)
+
+    def _pass_on(self, share: float) -> None:
+        for progress in tuple(self._waiting):
+            progress(share)
+
+    def _deliver(self, name: str, progress: Progress) -> Session:
+        self._waiting.remove(progress)
+        if name == self.first and self._prepared is not None:
+            prepared, self._prepared = self._prepared, None
+            return prepared
+        return _session(self._world(name, progress), progress)
+
+    def _world(self, name: str, progress: Progress) -> World:
+        from ..simulator.world import World
+
+        if name not in self._worlds:
+            entry = self.scenes[name]
+            self._worlds[name] = World.make(entry.spec, folder=entry.folder, progress=progress)
+        self._worlds.move_to_end(name)
+        while len(self._worlds) > _KEPT:
+            self._worlds.popitem(last=False)
+        return self._worlds[name]
+
+    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
+        from ..simulator.world import World
+        from .file_access import refuse_elsewhere
+
+        def go_on(share: float) -> None:
+            if not wanted():
+                raise DroppedError(f"{name} is not wanted any more")
+            progress(share)
+
+        go_on(0.0)
+        spec = SceneFile.parse(text, file=name)
+        refuse_elsewhere(spec)
+        world = World.make(spec, progress=go_on)
+        self._brought_worlds.add(world)
+        return _session(world, go_on)
+
+
+class DroppedError(Exception):
+    """Whoever asked for a scene has left before it was made."""
+
+
+def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
+    if wanted():
+        preparation()
+
+
+def _session(world: World, progress: Progress) -> Session:
+    from ..simulator.session import Session  # here, so that the page can be opened before it is loaded
+
+    session = Session(world)
+    session.step()
+    progress(1.0)
+    return session

@@ -1,0 +1,217 @@
+"""The web server: one page, one WebSocket a session."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from .._extras import require
+from ..simulator.scene_file import scene_schema
+from .access import AccessMiddleware, token_of
+from .connection import TAKEN_OVER, Connection, Verdict
+from .connection_limits import ConnectionLimits, open_files, pending_within
+from .conversation import converse
+from .guard import Guard
+from .messages import LONGEST
+from .outbox import Outbox
+from .protocols import http_protocol, websocket_protocol
+from .scene_catalog import Library
+from .session_pool import Kept, SessionPool, new_key
+
+logger = logging.getLogger(__name__)
+
+PAGE = Path(__file__).parent / "page"
+TOO_MANY = 1013
+PING_S = 20.0
+"""Between two questions whether a client is still there, and until it has to answer."""
+_SHUTDOWN_S = 3
+_BACKLOG = 128
+"""Connections that may wait to be taken in, which then happens all at once."""
+_HANDOVER_S = 10.0
+"""How long a page waits for the socket before it to leave the session."""
+
+NO_PAGE = """<!doctype html><meta charset="utf-8"><title>Sonospline</title>
+<h1>The page was not built</h1>
+<p>The simulator runs; its WebSocket is at <code>/live</code>. To build the page, run <code>./run</code> in the
+sources, which needs Node.js 18 or newer; or install a wheel, which has the page in it.</p>
+"""
+
+
+class Server:
+    """The simulator's web server, to be run in this thread or in another.
+
+    Parameters
+    ----------
+    library : Library
+        The scenes on offer.
+    host, port : str, int
+        Where to listen; port 0 takes a free one.
+    token : str, optional
+        Demanded of every session; needed for a host that is not loopback.
+    sessions : int, default: 8
+        Sessions at once, at most.
+    idle_s : float, default: 1800
+        A session nobody asks anything of for so long is closed.
+
+    Raises
+    ------
+    ValueError
+        A port in use, or an open host without a token.
+    """
+
+    def __init__(
+        self,
+        library: Library,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8765,
+        token: str | None = None,
+        sessions: int = 8,
+        idle_s: float = 1800.0,
+    ) -> None:
+        self._uvicorn = require("uvicorn")
+        require("websockets")
+        Guard(host, port, token)  # before the socket
+        self.limits = ConnectionLimits(pending_within(open_files(), sessions))
+        self.socket = _listen(host, port)
+        self.host, self.port = host, self.socket.getsockname()[1]
+        self.guard = Guard(host, self.port, token)
+        self.library, self.idle_s = library, idle_s
+        self.pool = SessionPool(sessions, library.tidy)
+        self._server = self._uvicorn.Server(
+            self._uvicorn.Config(
+                AccessMiddleware(self._application(), self.guard, self.limits.requested),
+                http=http_protocol(self.limits), ws=websocket_protocol(self.limits), ws_max_size=LONGEST,
+                ws_per_message_deflate=False, ws_ping_interval=PING_S, ws_ping_timeout=PING_S, lifespan="on",
+                log_config=None, access_log=False, proxy_headers=False, server_header=False, backlog=_BACKLOG,
+                timeout_graceful_shutdown=_SHUTDOWN_S,
+            )
+        )  # fmt: skip
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return self.guard.address
+
+    @property
+    def connections(self) -> set[Connection]:
+        """Who is connected."""
+        return set(self.pool.connections.values())
+
+    def run(self, ready: Callable[[str], None] = lambda address: None) -> None:
+        """Serve until told to stop; ``ready`` is called with the address once pages can be opened."""
+        self._ready = ready
+        self._server.run(sockets=[self.socket])
+
+    def stop(self) -> None:
+        """Have :meth:`run` return soon; from any thread."""
+        self._server.should_exit = True
+
+    def _application(self) -> Any:
+        require("starlette")
+        from starlette.applications import Starlette
+        from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse
+        from starlette.routing import Mount, Route, WebSocketRoute
+        from starlette.staticfiles import StaticFiles
+
+        async def schema(request: Any) -> Any:
+            return JSONResponse(scene_schema())
+
+        async def health(request: Any) -> Any:
+            return PlainTextResponse("ok")
+
+        async def why_not(request: Any) -> Any:
+            refusal = self.guard.refusal(request.headers, token_of(request.scope))
+            if refusal is not None:
+                return PlainTextResponse(refusal, 403)
+            if self.pool.full:
+                return PlainTextResponse(self._too_many, 503)
+            return PlainTextResponse("open a WebSocket here", 426, {"upgrade": "websocket"})
+
+        async def no_page(request: Any) -> Any:
+            return HTMLResponse(NO_PAGE, status_code=503)
+
+        routes: list[Any] = [
+            WebSocketRoute("/live", self._live),
+            Route("/live", why_not),
+            Route("/api/scene-schema.json", schema),
+            Route("/healthz", health),
+        ]
+        if (PAGE / "index.html").is_file():
+            routes.append(Mount("/", StaticFiles(directory=PAGE, html=True)))
+        else:
+            routes.append(Route("/", no_page))
+        return Starlette(routes=routes, lifespan=self._life)
+
+    @asynccontextmanager
+    async def _life(self, app: Any) -> AsyncIterator[None]:
+        self.library.prepare()
+        watch = asyncio.create_task(self._tell_when_listening())
+        yield
+        watch.cancel()
+        self.pool.clear()
+        await asyncio.to_thread(self.library.close)
+
+    async def _tell_when_listening(self) -> None:
+        while not self._server.started:
+            await asyncio.sleep(0.005)
+        self._ready(self.address)
+
+    @property
+    def _too_many(self) -> str:
+        return f"{self.pool.most} sessions are open; close one"
+
+    async def _live(self, websocket: Any) -> None:
+        """Serve one WebSocket that the guard let in."""
+        await websocket.accept()
+        key = websocket.query_params.get("session", "")
+        kept = await self._reclaim(key)
+        if self.pool.full:
+            await websocket.close(TOO_MANY, self._too_many)
+            return
+        transport = self.limits.upgraded(websocket.scope["client"])
+        outbox = Outbox()
+        connection = Connection(self.library, outbox, new_key() if kept is None else key)
+        self.pool.add(connection.key, connection)
+        try:
+            connection.open(kept)
+            await converse(websocket, connection, outbox, transport, idle_s=self.idle_s)
+        finally:
+            if transport is not None:
+                self.limits.closing(transport)
+            await self._part(connection)
+
+    async def _part(self, connection: Connection) -> None:
+        """Free a place, once the session's thread has ended."""
+        kept = None
+        try:
+            kept = await connection.close()
+        finally:
+            self.pool.remove(connection.key, kept)
+            connection.left.set()
+
+    async def _reclaim(self, key: str) -> Kept | None:
+        """Return the session of a key; where another socket still has it, that is hung up on first."""
+        holder = self.pool.connections.get(key)
+        if holder is not None:
+            holder.end(Verdict(TAKEN_OVER, "the session goes on in another page"))
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(holder.left.wait(), _HANDOVER_S)
+        return self.pool.reclaim(key)
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    if not 0 <= port < 65536:
+        raise ValueError(f"--port = {port} is out of range; give 0 to 65535")
+    try:
+        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        reason = "is in use" if error.errno == errno.EADDRINUSE else f"cannot be listened on ({error.strerror})"
+        raise ValueError(f"--port = {port} on {host} {reason}; give another one, or 0 for any free one") from None

@@ -1,0 +1,14 @@
+from .runner import Runner as Runner
+from .runner import Stamp as Stamp
+from .scene_file import SceneError as SceneError
+from .scene_file import SceneFile as SceneFile
+from .scene_file import scene_schema as scene_schema
+from .session import Session as Session
+from .shot import Readouts as Readouts
+from .shot import Shot as Shot
+from .wish import ImageWish as ImageWish
+from .wish import Limits as Limits
+from .wish import NeedleWish as NeedleWish
+from .wish import ProbeWish as ProbeWish
+from .wish import Wish as Wish
+from .world import World as World
