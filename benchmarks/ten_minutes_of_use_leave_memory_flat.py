@@ -1,6 +1,6 @@
 """Ten minutes of scripted use leave the live simulator's memory flat within 5 %, in order, and without threads.
 
-Pushes, probe moves, knobs, freezes, model switches, undo and reset at 30 wishes a second; the page is reloaded every
+Pushes, probe moves, knobs, freezes, model switches, undo and reset at 30 commands a second; the page is reloaded every
 20 s and every third one vanishes with frames in flight.
 
     python benchmarks/ten_minutes_of_use_leave_memory_flat.py [--minutes 10] [--scene kidney]

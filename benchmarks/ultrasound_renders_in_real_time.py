@@ -1,6 +1,6 @@
 """Ultrasound in real time: frames, with the needle or the probe moving, slices of a volume, and the NumPy twin.
 
-Curvilinear kidney scene, 192 lines x 1024 samples to 512 x 512 pixels, field of 148,877 nodes or so. Prints
+Curvilinear kidney phantom, 192 lines x 1024 samples to 512 x 512 pixels, field of 148,877 nodes or so. Prints
 medians and minima of each, frames a second, the ratio of the twin to the core, and how far they differ.
 
     python benchmarks/ultrasound_renders_in_real_time.py [--threads 2] [--frames 60]
@@ -20,7 +20,7 @@ import sonospline as ss
 from sonospline import _core
 from sonospline.geometry import ImagePlane, facing
 from sonospline.geometry.layered_block import default_needle, layered_block
-from sonospline.ultrasound import Probe, Reslicer, Ultrasound, kidney_phantom
+from sonospline.ultrasound import Probe, Reslicer, Scanner, kidney_phantom
 
 
 def timed(name: str, frame: Callable[[int], object], count: int, target: float) -> None:
@@ -42,15 +42,15 @@ def main() -> None:
     arguments = parser.parse_args()
     _core.native.set_thread_count(arguments.threads)
     start = time.perf_counter()
-    phantom = kidney_phantom()
+    kidney = kidney_phantom()
     print(
         f"{_core.instruction_set()}, {arguments.threads} threads; phantom built in {time.perf_counter() - start:.1f} s"
     )
-    grid, needle = phantom.grid(148_877), phantom.needle
+    grid, needle = kidney.grid(148_877), kidney.needle
     insertion = ss.Insertion(ss.Tissue(grid, entry_face="z-"))
     steps = [ss.Needle(needle.entry, needle.at(t)) for t in np.linspace(0.5, 1.0, arguments.frames)]
     field = ss.GridField.of(insertion.advance(needle))
-    scanner = Ultrasound(phantom.scene, Probe.curvilinear(), phantom.probe_pose, picture_shape=(512, 512))
+    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose, picture_shape=(512, 512))
     start = time.perf_counter()
     scanner.render(field, needle)
     print(f"first frame in {time.perf_counter() - start:.2f} s; {grid.node_count:,} nodes")
@@ -64,7 +64,7 @@ def main() -> None:
     timed("deform and render, needle moving", deform_and_render, count, 60)
 
     def pose_at(offset: tuple[float, float, float]) -> NDArray[np.float64]:
-        pose = phantom.probe_pose.copy()
+        pose = kidney.probe_pose.copy()
         pose[:3, 3] += offset
         return pose
 
@@ -90,7 +90,7 @@ def main() -> None:
     timed("slice of a volume, 512 x 512", lambda k: reslicer.cut(plane, moved), count, 240)
     core = scanner.render(field, needle, frame=1)
     _core.active = _core.twin
-    other = Ultrasound(phantom.scene, Probe.curvilinear(), phantom.probe_pose, picture_shape=(512, 512))
+    other = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose, picture_shape=(512, 512))
     twin = other.render(field, needle, frame=1)
     timed("render only, NumPy twin", lambda k: other.render(field, needle, frame=k), 5, 5)
     weight = 1 / np.sqrt(scanner.optics.speckle_power)

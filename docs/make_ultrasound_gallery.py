@@ -20,15 +20,15 @@ from sonospline.ultrasound import (
     Display,
     Frame,
     NodeSlice,
+    Phantom,
     PlaneSlice,
     Probe,
     Reslicer,
-    Scene,
-    Ultrasound,
+    Scanner,
     kidney_phantom,
     swept,
 )
-from sonospline.ultrasound.organs import read_organ_names, scene_from_organs
+from sonospline.ultrasound.organs import phantom_from_organs, read_organ_names
 
 IMAGES = Path(__file__).parent / "images"
 
@@ -48,15 +48,15 @@ def pair(before: Frame, after: Frame, name: str, needle: ss.Needle | None = None
 
 def kidney() -> None:
     """The kidney phantom under both probes, before and after the needle."""
-    phantom = kidney_phantom()
-    insertion = ss.Insertion(ss.Tissue(phantom.grid(), entry_face="z-"))
-    scanner = Ultrasound(phantom.scene, Probe.curvilinear(), phantom.probe_pose)
-    field = ss.GridField.of(insertion.advance(phantom.needle))
-    pair(scanner.render().frame, scanner.render(field, phantom.needle).frame, "ultrasound_kidney_curvilinear.png")
+    kidney = kidney_phantom()
+    insertion = ss.Insertion(ss.Tissue(kidney.grid(), entry_face="z-"))
+    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose)
+    field = ss.GridField.of(insertion.advance(kidney.needle))
+    pair(scanner.render().frame, scanner.render(field, kidney.needle).frame, "ultrasound_kidney_curvilinear.png")
 
     unpressed = kidney_phantom(pressed=False)
     probe = Probe.linear(depth_mm=48, aperture_mm=50)
-    linear = Ultrasound(unpressed.scene, probe, facing((112, 50, 0.6), depth=(0, 0, 1), right=(1, 0, 0)))
+    linear = Scanner(unpressed.phantom, probe, facing((112, 50, 0.6), depth=(0, 0, 1), right=(1, 0, 0)))
     shallow = ss.Needle((150, 50, 1), (100, 50, 27))
     field = ss.GridField.of(insertion.advance(shallow))
     pair(linear.render().frame, linear.render(field, shallow).frame, "ultrasound_flank_linear.png")
@@ -74,20 +74,20 @@ def slices() -> None:
 
 
 def abdomen(data: Path) -> None:
-    """A scene from labelled CT: the right kidney from the flank, in an axial plane."""
+    """A phantom from labelled CT: the right kidney from the flank, in an axial plane."""
     labels, ct = read_volume(data / "abdomen_labels.nii.gz"), read_volume(data / "abdomen_ct.nii.gz")
-    scene = scene_from_organs(labels, read_organ_names(data / "abdomen_labels.csv"), ct=ct)
+    phantom = phantom_from_organs(labels, read_organ_names(data / "abdomen_labels.csv"), ct=ct)
     kidney_middle = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]
     look = np.array([-0.55, 0.835, 0.0])  # from behind and the side
     skin = kidney_middle.copy()
-    while scene.labels.lattice.contains((skin - 2 * look)[None]).all():
-        index = np.rint(scene.labels.lattice.local(skin[None])[0] / scene.labels.lattice.spacing).astype(int)
-        if scene.bytes[tuple(index)] == 0:
+    while phantom.labels.lattice.contains((skin - 2 * look)[None]).all():
+        index = np.rint(phantom.labels.lattice.local(skin[None])[0] / phantom.labels.lattice.spacing).astype(int)
+        if phantom.bytes[tuple(index)] == 0:
             break
         skin = skin - look
     pose = facing(skin + 3 * look, depth=look, right=np.cross(look, (0, 0, 1)))
-    scanner = Ultrasound(scene, Probe.curvilinear(depth_mm=130), pose)
-    lattice = scene.labels.lattice
+    scanner = Scanner(phantom, Probe.curvilinear(depth_mm=130), pose)
+    lattice = phantom.labels.lattice
     grid = ss.Grid.covering(lattice.extent, nodes=150_000, origin=lattice.origin)
     needle = ss.Needle(skin + 14 * look + 42 * pose[:3, 0], kidney_middle)
     tissue = ss.Tissue(grid, entry_face=grid.nearest_face(needle.entry))
@@ -120,9 +120,9 @@ def liver(data: Path) -> None:
     probe = Probe.linear(
         frequency_mhz=7.5, f_number=2.3, lines=real.shape[1], samples=512, depth_mm=depth, aperture_mm=width
     )
-    scene = Scene.uniform("liver", size_mm=(60, 20, 40))
+    phantom = Phantom.uniform("liver", size_mm=(60, 20, 40))
     pose = facing((30, 10, 2), depth=(0, 0, 1), right=(1, 0, 0))
-    rendered = Ultrasound(scene, probe, pose, display=Display(noise_db=-150)).render()
+    rendered = Scanner(phantom, probe, pose, display=Display(noise_db=-150)).render()
     gain = 10 ** (2 * 0.5 * probe.frequency_mhz * probe.ranges / 10 / 20)
     envelope = (rendered.envelope * gain).T
     synthetic = np.log1p(envelope / (5 * envelope.mean()))

@@ -3,16 +3,16 @@
 import numpy as np
 
 import sonospline as ss
-from sonospline.ultrasound import Probe, Ultrasound, kidney_phantom
+from sonospline.ultrasound import Probe, Scanner, kidney_phantom
 
-phantom = kidney_phantom(spacing_mm=1.0)
-scanner = Ultrasound(phantom.scene, Probe.curvilinear(lines=128), phantom.probe_pose)
-insertion = ss.Insertion(ss.Tissue(phantom.grid(nodes=30_000), entry_face="z-"))
-field = insertion.advance(phantom.needle)
+kidney = kidney_phantom(spacing_mm=1.0)
+scanner = Scanner(kidney.phantom, Probe.curvilinear(lines=128), kidney.probe_pose)
+insertion = ss.Insertion(ss.Tissue(kidney.grid(nodes=30_000), entry_face="z-"))
+field = insertion.advance(kidney.needle)
 
 before = scanner.render()
-after = scanner.render(field, phantom.needle)
-calyx_shift = float(np.linalg.norm(field.displacement(phantom.needle.tip[None])))
+after = scanner.render(field, kidney.needle)
+calyx_shift = float(np.linalg.norm(field.displacement(kidney.needle.tip[None])))
 
 if __name__ == "__main__":
     before.frame.write("before.png")

@@ -5,7 +5,7 @@ from sonospline.simulator import Session
 session = Session("gel")
 frames = [session.step().image]
 for millimetre in range(1, 43):
-    shot = session.step(session.wish.with_needle(depth=float(millimetre)))
+    shot = session.step(session.command.with_needle(depth=float(millimetre)))
     frames.append(shot.image)
 shot = session.settle()
 vessel_moved = shot.readouts.moved

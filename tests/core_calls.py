@@ -10,7 +10,7 @@ from sonospline import Grid
 from sonospline._core import twin
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
-from sonospline.ultrasound import Probe, Scene
+from sonospline.ultrasound import Phantom, Probe
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics, Scan, picture_plane
 
@@ -48,7 +48,7 @@ def ultrasound():
     voxels = np.zeros((25, 13, 25), np.uint8)
     voxels[:, :, 12:] = 1
     probe = Probe.curvilinear(frequency_mhz=3.5, depth_mm=20, lines=32, samples=160)
-    scene = Scene(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: "muscle"})
+    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: "muscle"})
     pose = facing((12, 6, 2), depth=(0, 0, 1), right=(1, 0, 0))
     optics, recorded = Optics(probe), {}
 
@@ -67,13 +67,13 @@ def ultrasound():
     active, core.active = core.active, Recorder("recorder")
     try:
         optics.plan(Scan.of(probe, picture_plane(probe, pose, (40, 36))))
-        echoes = scene.echoes
+        echoes = phantom.echoes
         choose = echoes.choose
         echoes.choose = lambda *a: (
             recorded.update({"EchoScene.choose": dict(signature(choose).bind(*a).arguments)}) or choose(*a)
         )
         grid = Grid.covering((24, 12, 24), nodes=600)
-        seen = aim(scene, optics, pose, grid, 1.0, 3)
+        seen = aim(phantom, optics, pose, grid, 1.0, 3)
     finally:
         core.active = active
     recorded["BmodePlan.aim"] = seen._asdict()

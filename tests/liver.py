@@ -4,7 +4,7 @@ import numpy as np
 
 import sonospline as ss
 from sonospline.geometry import facing
-from sonospline.ultrasound import Display, Probe, Scene, Ultrasound
+from sonospline.ultrasound import Display, Phantom, Probe, Scanner
 
 LINEAR = Probe.linear(depth_mm=40, lines=128, aperture_mm=25.4)
 CURVED = Probe.curvilinear(depth_mm=100, lines=128, aperture_mm=42)
@@ -16,9 +16,9 @@ SEEDS = range(4)
 def liver_scanner(probe, seed=0, **settings):
     """A probe on liver that fills its slice."""
     depth = probe.depth_mm + 8
-    scene = Scene.uniform("liver", size_mm=(140, 30, depth))
+    phantom = Phantom.uniform("liver", size_mm=(140, 30, depth))
     pose = facing((70, 15, 4), depth=(0, 0, 1), right=(1, 0, 0))
-    return Ultrasound(scene, probe, pose, display=FLAT, seed=seed, **({"margin_mm": 0.2} | settings))
+    return Scanner(phantom, probe, pose, display=FLAT, seed=seed, **({"margin_mm": 0.2} | settings))
 
 
 def speckle(image):

@@ -10,7 +10,7 @@ import pytest
 
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import wire
-from sonospline.server.scene_catalog import Entry, Library
+from sonospline.server.scene_catalog import Entry, SceneCatalog
 from sonospline.server.server import Server
 from sonospline.simulator import SceneFile
 
@@ -22,8 +22,8 @@ class Running:
     """A server in a thread of this process."""
 
     def __init__(self, **options):
-        library = Library({"small": Entry(SceneFile.parse(SMALL_PAPER), Path())})
-        self.server = Server(library, port=0, **options)
+        catalog = SceneCatalog({"small": Entry(SceneFile.parse(SMALL_PAPER), Path())})
+        self.server = Server(catalog, port=0, **options)
         ready = threading.Event()
         self.thread = threading.Thread(target=self.server.run, args=(lambda address: ready.set(),))
         self.thread.start()

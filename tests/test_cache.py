@@ -96,13 +96,13 @@ def test_two_thousand_damaged_files_are_made_anew(name, tmp_path, caplog):
 def test_one_byte_anywhere_in_a_kept_phantom_is_seen(tmp_path, monkeypatch, caplog):
     """In its header, which NumPy would hand to a Python parser, and in its voxels, which it would believe."""
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
-    labels = kidney_phantom(spacing_mm=4.0, kept=True).scene.labels.voxels
+    labels = kidney_phantom(spacing_mm=4.0, kept=True).phantom.labels.voxels
     (file,) = tmp_path.glob("kidney-*.npy")
     whole = file.read_bytes()
     for at in (whole.index(b")"), whole.index(b"descr"), 8, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:at] + b"(" + whole[at + 1 :])
         caplog.clear()
-        assert np.array_equal(kidney_phantom(spacing_mm=4.0, kept=True).scene.labels.voxels, labels)
+        assert np.array_equal(kidney_phantom(spacing_mm=4.0, kept=True).phantom.labels.voxels, labels)
         assert "made anew" in caplog.text
         assert file.read_bytes() == whole
     assert np.array_equal(np.load(file), labels)  # NumPy still opens it

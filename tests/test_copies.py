@@ -14,7 +14,7 @@ from sonospline.geometry import facing
 from sonospline.mechanics import LineForce
 from sonospline.models.elastic import ElasticInsertion, scene
 from sonospline.simulator import SceneFile, Session
-from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
+from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 
 HOWS = {"pickle": lambda thing: pickle.loads(pickle.dumps(thing)), "deepcopy": copy.deepcopy}
 SIDE = 100.0
@@ -55,13 +55,13 @@ def advance(insertion):
     return np.stack([field.on_grid() for field in fields])
 
 
-def scanner(scene, probe_depth=30.0):
+def scanner(phantom, probe_depth=30.0):
     probe = Probe.linear(depth_mm=probe_depth, lines=32, aperture_mm=30)
-    return Ultrasound(scene, probe, facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
+    return Scanner(phantom, probe, facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
 
 
-def look(scene):
-    return scanner(scene).render().iq
+def look(phantom):
+    return scanner(phantom).render().iq
 
 
 def rendered(thing):
@@ -70,7 +70,7 @@ def rendered(thing):
 
 
 def a_scene():
-    return Scene.uniform("liver", size_mm=(40, 10, 40))
+    return Phantom.uniform("liver", size_mm=(40, 10, 40))
 
 
 def used_scanner():
@@ -98,12 +98,12 @@ def solve(model):
 
 def small_session(model):
     session = Session(SceneFile.parse(SMALL), model=model)
-    session.step(session.wish.with_needle(depth=20))
+    session.step(session.command.with_needle(depth=20))
     return session
 
 
 def push(session):
-    shots = [session.step(session.wish.with_needle(depth=depth).with_probe(slide=depth / 10)) for depth in (24, 30)]
+    shots = [session.step(session.command.with_needle(depth=depth).with_probe(slide=depth / 10)) for depth in (24, 30)]
     return np.concatenate([part.ravel().astype(float) for s in shots for part in (s.image.pixels, s.field.values)])
 
 
@@ -115,9 +115,9 @@ THINGS = {
     "KelvinletInsertion": (lambda: ss.KelvinletInsertion(tissue()), advance),
     "ElasticInsertion": (elastic, advance),
     "FiniteElementModel": (solved, solve),
-    "Scene": (a_scene, look),
-    "Scene rendered": (lambda: rendered(a_scene()), look),
-    "Ultrasound": (used_scanner, render),
+    "Phantom": (a_scene, look),
+    "Phantom rendered": (lambda: rendered(a_scene()), look),
+    "Scanner": (used_scanner, render),
     "Session, paper": (lambda: small_session("paper"), push),
     "Session, elastic": (lambda: small_session("elastic"), push),
 }
@@ -146,7 +146,7 @@ def test_copies_hold_on_either_backend():
 
 
 def test_another_process_goes_on_to_the_same_bits():
-    names = ["Insertion under way", "KelvinletInsertion", "ElasticInsertion", "Scene rendered", "Session, paper"]
+    names = ["Insertion under way", "KelvinletInsertion", "ElasticInsertion", "Phantom rendered", "Session, paper"]
     things = [(THINGS[name][0](), THINGS[name][1]) for name in names]
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         there = pool.map(_go_on, things)

@@ -37,8 +37,8 @@ import sys, threading, time, types
 from sonospline.simulator import Runner
 
 class Slow:
-    last, wish = None, types.SimpleNamespace(frozen=False)
-    def step(self, wish):
+    last, command = None, types.SimpleNamespace(frozen=False)
+    def step(self, command):
         inside.set()
         print("begun", flush=True)
         time.sleep(0.3)

@@ -19,9 +19,9 @@ from sonospline.io.tables import read_names
 from sonospline.io.volumes import write_volume
 from sonospline.mechanics import TissueMap, TissueMaterial, read_label_names
 from sonospline.simulator import SceneFile
-from sonospline.ultrasound import Scene
+from sonospline.ultrasound import Phantom
 from sonospline.ultrasound.acoustics import read_table
-from sonospline.ultrasound.organs import scene_from_organs
+from sonospline.ultrasound.organs import phantom_from_organs
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
@@ -52,10 +52,10 @@ def by_image(path):
 
 
 def by_serve(path):
-    from sonospline.simulator import World
+    from sonospline.simulator import Scene
 
     scene = SceneFile.parse(f'name = "own"\n[tissue]\nsource = "labels"\nfile = "{path.name}"\nnodes = 1000')
-    return World.make(scene, folder=path.parent).tissues.labels
+    return Scene.make(scene, folder=path.parent).tissues.labels
 
 
 @pytest.mark.parametrize("read", [by_insert, by_image, by_serve])
@@ -141,21 +141,21 @@ def test_a_ct_on_another_lattice_is_laid_where_it_lies(name):
         "permuted": labelled(ct.transpose(1, 0, 2), direction=np.eye(3)[[1, 0, 2]]),
         "finer": Volume(voxels=ct.repeat(2, 2), spacing=(2.0, 2.0, 1.0), origin=np.array([0, 0, -0.5])),
     }[name]
-    expected = scene_from_organs(labels, {1: "liver"}, ct=labelled(ct), spacing_mm=None)
-    found = scene_from_organs(labels, {1: "liver"}, ct=given, spacing_mm=None)
+    expected = phantom_from_organs(labels, {1: "liver"}, ct=labelled(ct), spacing_mm=None)
+    found = phantom_from_organs(labels, {1: "liver"}, ct=given, spacing_mm=None)
     assert np.array_equal(found.bytes, expected.bytes)
     assert len(np.unique(expected.bytes)) == 4
 
 
 def test_a_ct_of_somewhere_else_is_refused():
     with pytest.raises(ValueError, match="ct does not overlap the labels"):
-        scene_from_organs(labelled(block(1, np.uint8)), {1: "liver"}, ct=labelled(block(), origin=np.full(3, 500.0)))
+        phantom_from_organs(labelled(block(1, np.uint8)), {1: "liver"}, ct=labelled(block(), origin=np.full(3, 500.0)))
 
 
 def test_a_scene_takes_what_every_other_reader_takes():
-    assert Scene(labelled(block(1.0)), {0: "gel", 1: "liver"}).bytes.max() == 1
+    assert Phantom(labelled(block(1.0)), {0: "gel", 1: "liver"}).bytes.max() == 1
     with pytest.raises(ValueError, match="labels has a voxel of -1; give a label map, whole numbers 0 to 255"):
-        Scene(labelled(block(-1, np.int16)), {0: "gel", 1: "liver"})
+        Phantom(labelled(block(-1, np.int16)), {0: "gel", 1: "liver"})
 
 
 def test_names_lie_beside_an_image_under_exactly_its_name(tmp_path):

@@ -11,7 +11,7 @@ from sonospline.geometry.volume import Volume
 from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueMaterial
 from sonospline.models.elastic import ElasticInsertion, NotConvergedError
 from sonospline.simulator.imaging import ReslicedImager, grey_range
-from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
+from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 from sonospline.ultrasound.acoustics import TISSUES
 from sonospline.ultrasound.frame import as_bytes
 from sonospline.ultrasound.reslice import Reslicer
@@ -85,8 +85,8 @@ def test_a_field_that_holds_it_ends_in_nan_not_in_a_crash(rng, order, bad):
 
 @pytest.mark.parametrize("bad", BAD)
 def test_a_scanner_shows_the_tissue_undeformed(caplog, bad):
-    scanner = Ultrasound(
-        Scene.uniform("liver", size_mm=(30, 10, 30)), Probe.linear(depth_mm=25, lines=32, aperture_mm=20),
+    scanner = Scanner(
+        Phantom.uniform("liver", size_mm=(30, 10, 30)), Probe.linear(depth_mm=25, lines=32, aperture_mm=20),
         facing((15, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)),
     )  # fmt: skip
     grid = ss.Grid.covering((30, 10, 30), nodes=500)

@@ -14,9 +14,9 @@ from sonospline._shown import figure, inside
 from sonospline.geometry import facing
 from sonospline.simulator import SceneFile
 from sonospline.simulator._fields import FieldError
+from sonospline.simulator.command import Command, ImageSettings, Limits, NeedleCommand, ProbeCommand
 from sonospline.simulator.scene_file import DisplayPart, ModelPart, NeedlePart, ProbePart, TissuePart
-from sonospline.simulator.wish import ImageWish, Limits, NeedleWish, ProbeWish, Wish
-from sonospline.ultrasound import Probe, Scene, Ultrasound
+from sonospline.ultrasound import Phantom, Probe, Scanner
 
 PARTS = {"tissue": TissuePart, "model": ModelPart, "needle": NeedlePart, "probe": ProbePart, "display": DisplayPart}
 NUMBERS = [
@@ -63,9 +63,9 @@ def test_a_state_just_beyond_a_limit_is_not_told_that_it_is_within():
     limits = Limits(
         needle={**wide, "depth": (0, 200 / 3)}, probe=wide, image={**wide, "depth": (1, 9), "focus": (1, 9)}
     )
-    state = Wish(
-        needle=NeedleWish(u=0, v=0, angle=0, swing=0, depth=66.6667), probe=ProbeWish(),
-        image=ImageWish(gain=0, depth=5, frequency=5, focus=5),
+    state = Command(
+        needle=NeedleCommand(u=0, v=0, angle=0, swing=0, depth=66.6667), probe=ProbeCommand(),
+        image=ImageSettings(gain=0, depth=5, frequency=5, focus=5),
     )  # fmt: skip
     with pytest.raises(FieldError, match=r"needle.depth = 66.6667 is out of range; give 0 to 66.6666 in this scene"):
         limits.check(state)
@@ -93,8 +93,8 @@ REFUSED = {
     "frequency": (lambda: Probe.linear(frequency_mhz=1e300), "does not go with a pulse .*give a lower frequency"),
     "long pulse": (lambda: Probe.linear(frequency_mhz=1e-9), "does not go with a pulse .*give a higher frequency"),
     "seed": (
-        lambda: Ultrasound(
-            Scene.uniform("liver", size_mm=(9, 9, 9)), Probe.linear(lines=16),
+        lambda: Scanner(
+            Phantom.uniform("liver", size_mm=(9, 9, 9)), Probe.linear(lines=16),
             facing((5, 5, 0), depth=(0, 0, 1), right=(1, 0, 0)), seed=2**64,
         ),
         "seed = 18446744073709551616 is too large; give at most 18446744073709551615",

@@ -5,14 +5,16 @@ import pytest
 
 from page_driver import DEPTH, LINK, MOVED, STATUS, Driver, frame_drawn, serving
 from sonospline.simulator import Session
-from sonospline.simulator.wish import ImageWish, NeedleWish, ProbeWish, Wish
+from sonospline.simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 
 pytest_plugins = ["page_fixtures"]
 
 
-def wish_of(state):
-    return Wish(
-        needle=NeedleWish(**state["needle"]), probe=ProbeWish(**state["probe"]), image=ImageWish(**state["image"])
+def command_of(state):
+    return Command(
+        needle=NeedleCommand(**state["needle"]),
+        probe=ProbeCommand(**state["probe"]),
+        image=ImageSettings(**state["image"]),
     )
 
 
@@ -43,7 +45,7 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
     session = Session("kidney")
     session.step()  # the server makes a first picture before anybody asks
     for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["frozen"]]:
-        shot = session.step(wish_of(header["state"]))
+        shot = session.step(command_of(header["state"]))
         sent = pixels
     np.testing.assert_array_equal(shown, sent)
     np.testing.assert_array_equal(sent, shot.image.pixels)

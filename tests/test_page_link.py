@@ -78,7 +78,7 @@ ALL = """() => [
 
 @pytest.mark.parametrize("leave", [reload, pytest.param(cut, marks=pytest.mark.slow)])
 def test_a_pass_survives(drive, leave):
-    """Pose, probe, image, target, model and the figures of the pass."""
+    """Pose, probe, image, target, model and the metrics of the pass."""
     driver = drive("kidney", script=LINK)
     page = driver.page
     page.keyboard.press("Digit1")

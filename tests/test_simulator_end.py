@@ -18,16 +18,16 @@ KILLS = 39
 ENDLESS = """
 import sys, time
 from sonospline import cli
-from sonospline.simulator.world import World
+from sonospline.simulator.scene import Scene
 
-real = World.make
+real = Scene.make
 
 def make(spec, **options):
     if spec.name == "endless":
         time.sleep(600)  # as a reader that waits in C: no signal, no exception reaches it
     return real(spec, **options)
 
-World.make = make
+Scene.make = make
 sys.exit(cli.main(["serve", "--port", "0", "--json", "--scene", "small.toml"]))
 """
 
@@ -83,9 +83,9 @@ def test_a_text_whose_page_has_left_is_not_made(running, monkeypatch):
     import threading
 
     from simulator_client import Client
-    from sonospline.simulator.world import World
+    from sonospline.simulator.scene import Scene
 
-    made, begun, go_on, real = [], threading.Event(), threading.Event(), World.make
+    made, begun, go_on, real = [], threading.Event(), threading.Event(), Scene.make
 
     def make(spec, **options):
         made.append(spec.name)
@@ -96,7 +96,7 @@ def test_a_text_whose_page_has_left_is_not_made(running, monkeypatch):
     with Client(running) as first, Client(running) as second, Client(running) as third:
         for page in (first, second, third):
             page.ready()
-        monkeypatch.setattr(World, "make", make)
+        monkeypatch.setattr(Scene, "make", make)
         for name, page in (("one", first), ("two", second), ("three", third)):
             brought = SMALL_PAPER.replace("Small block", name)
             page.send(type="open_scene", name=f"{name}.toml", text=brought)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sonospline.server.file_access import refuse_elsewhere
-from sonospline.server.scene_catalog import Library
+from sonospline.server.scene_catalog import SceneCatalog
 from sonospline.simulator import SceneFile
 
 pytest.importorskip("SimpleITK")
@@ -116,9 +116,9 @@ def test_what_is_no_path_is_refused(here, named):
 @pytest.mark.parametrize("key", ["file", "ct", "names", "materials"])
 def test_a_pipe_does_not_hold_up_the_maker_of_scenes(here, key):
     os.mkfifo(here / "odd.mhd")
-    library = Library()
+    catalog = SceneCatalog()
     values = {"source": "labels", "file": "own.mhd", key: "odd.mhd"}
     text = "name = 'x'\n[tissue]\n" + "\n".join(f"{name} = '{value}'" for name, value in values.items())
     with pytest.raises(ValueError, match=rf"tissue\.{key} = 'odd\.mhd' is a named pipe"):
-        library.order("x.toml", text, lambda share: None).result(60)
-    assert library.close(10)
+        catalog.order("x.toml", text, lambda share: None).result(60)
+    assert catalog.close(10)

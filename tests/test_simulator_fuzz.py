@@ -14,7 +14,7 @@ from simulator_scenes import SMALL, SMALL_PAPER
 from sonospline.server import messages
 from sonospline.server.messages import MOST_SEQ, MessageError
 from sonospline.simulator import SceneError, SceneFile
-from sonospline.simulator.wish import Wish
+from sonospline.simulator.command import Command
 
 EVERY_DAY, SLOWLY = 2_000, 50_000
 
@@ -92,7 +92,7 @@ def test_messages_are_read_or_refused_in_one_line(tries):
         else:
             read += 1
             if isinstance(message, messages.State):
-                assert isinstance(message.wish, Wish)
+                assert isinstance(message.command, Command)
     assert 0.02 * tries < read < 0.9 * tries
 
 

@@ -8,7 +8,7 @@ import pytest
 from simulator_scenes import SMALL
 from sonospline.geometry import facing
 from sonospline.simulator import SceneFile, Session
-from sonospline.ultrasound import Probe, Scene, Ultrasound
+from sonospline.ultrasound import Phantom, Probe, Scanner
 
 KNOBS = ("gain", "depth", "frequency", "focus")
 BLOCK = """name = "Block"
@@ -29,8 +29,8 @@ lines = {lines}
 
 def show(session, rng, knobs):
     """One picture, with the probe anywhere it may be."""
-    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in session.world.limits.probe.items()}
-    state = session.wish.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
+    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in session.scene.limits.probe.items()}
+    state = session.command.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
     shot = session.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
     assert shot.image.pixels.dtype == np.uint8
     assert shot.image.pixels.ndim == 2
@@ -39,7 +39,7 @@ def show(session, rng, knobs):
 
 def places(session, rng, between):
     """All corners of the knobs' limits, then random places between."""
-    limits = [session.world.limits.image[name] for name in KNOBS]
+    limits = [session.scene.limits.image[name] for name in KNOBS]
     yield from itertools.product(*[sorted({*ends}) for ends in limits])
     for _ in range(between):
         yield [rng.uniform(*ends) for ends in limits]
@@ -68,7 +68,7 @@ def of_a_scene_file(rng, corners):
     for kind, frequency, depth, lines, focus in corners:
         text = BLOCK.format(kind=kind, frequency=frequency, depth=depth, lines=lines, focus=focus)
         session = Session(SceneFile.parse(text))
-        low = [session.world.limits.image[name][0] for name in KNOBS]
+        low = [session.scene.limits.image[name][0] for name in KNOBS]
         show(session, rng, low)
         show(session, rng, [0.0, depth, frequency, focus])
 
@@ -89,8 +89,8 @@ def test_every_probe_of_a_scene_file_gives_a_picture(rng, kind):
 def test_presets_take_the_samples_their_pulse_needs(frequency, depth):
     probe = Probe.linear(frequency_mhz=frequency, depth_mm=depth, lines=16, aperture_mm=15)
     assert 0.1 < probe.sample_mm / probe.axial_sigma < 1.5
-    scene = Scene.uniform("liver", size_mm=(20, 10, 30))
-    beams = Ultrasound(scene, probe, facing((10, 5, 0), depth=(0, 0, 1), right=(1, 0, 0))).render().beams
+    scene = Phantom.uniform("liver", size_mm=(20, 10, 30))
+    beams = Scanner(scene, probe, facing((10, 5, 0), depth=(0, 0, 1), right=(1, 0, 0))).render().beams
     assert beams.shape == (16, probe.samples)
     near = (probe.ranges > 3) & (probe.ranges < 10)
     assert 100 < beams[:, near].mean() < 150
@@ -104,13 +104,13 @@ def test_usual_presets_keep_their_samples():
 @pytest.mark.parametrize("count", [15, pytest.param(250, marks=pytest.mark.slow)])
 def test_no_pose_within_the_limits_moves_tissue_further_than_the_needle_drags_it(rng, model, count):
     session = Session(SceneFile.parse(SMALL), model=model)
-    limits, side = session.world.limits.needle, session.world.tissue.grid.side
+    limits, side = session.scene.limits.needle, session.scene.tissue.grid.side
     wanted = {"kelvinlet": 1.2 * 0.0279, "paper": 1.05 * np.hypot(0.0266, 0.0041)}[model] * side
     moved = 0.0
     for _ in range(count):
-        session.step(session.wish.with_needle(depth=0.0))
+        session.step(session.command.with_needle(depth=0.0))
         pose = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in limits.items()}
         pose["depth"] = float(rng.choice([0.06, 0.1, 0.3, 1.0, 10.0, limits["depth"][1]]))
-        values = session.step(session.wish.with_needle(**pose)).field.values
+        values = session.step(session.command.with_needle(**pose)).field.values
         moved = max(moved, float(np.linalg.norm(values, axis=-1).max()))
     assert 0.1 * wanted < moved <= wanted

@@ -13,11 +13,11 @@ import pytest
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import rate_limits
-from sonospline.server.connection import MOST_COMMANDS, MOST_REFUSALS, Connection
+from sonospline.server.connection import MOST_ACTIONS, MOST_REFUSALS, Connection
 from sonospline.server.messages import MessageError
 from sonospline.server.outbox import Outbox
 from sonospline.server.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
-from sonospline.server.scene_catalog import Library
+from sonospline.server.scene_catalog import SceneCatalog
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_a_client_that_does_not_read_is_hung_up_on():
 
     async def fill():
         outbox = Outbox(4)
-        connection = Connection(Library(), outbox)
+        connection = Connection(SceneCatalog(), outbox)
         for _ in range(4):
             connection._tell({"type": "model", "model": "paper"})
         assert not connection.verdict.done()
@@ -225,12 +225,12 @@ def test_commands_do_not_pile_up_behind_a_page_that_draws_nothing(running, page)
     for _ in range(2):
         page.frame(draw=False)
     runner = running.server.pool.connections[page.hello["session"]]._runner
-    while runner.waiting < MOST_COMMANDS:
+    while runner.waiting < MOST_ACTIONS:
         page.send(type="undo_pass")
         time.sleep(1.1 / MOST_MESSAGES_S)
     page.send(type="undo_pass")
     assert "say which frames were drawn" in page.text("refused")["message"]
-    assert runner.waiting <= MOST_COMMANDS
+    assert runner.waiting <= MOST_ACTIONS
     page.send(type="drawn", frame=page.frames[-1])
     page.frame(page.ask(depth=6.0))
 

@@ -64,16 +64,16 @@ def test_the_pass_survives(running, leave):
 def test_the_clock_of_the_pass_stands_still_meanwhile():
     now = [100.0]
     session = Session(SceneFile.parse(SMALL_PAPER), clock=lambda: now[0])
-    session.step(session.wish.with_needle(depth=10.0))
+    session.step(session.command.with_needle(depth=10.0))
     now[0] += 2.0
-    assert session.step(session.wish.with_needle(depth=12.0)).figures.time_s == 2
+    assert session.step(session.command.with_needle(depth=12.0)).metrics.time_s == 2
     session.pause()
     now[0] += 25.0
     session.pause()
     now[0] += 1.0
-    assert session.step(session.wish.with_needle(depth=13.0)).figures.time_s == 2
+    assert session.step(session.command.with_needle(depth=13.0)).metrics.time_s == 2
     now[0] += 1.0
-    assert session.step(session.wish.with_needle(depth=14.0)).figures.time_s == 3
+    assert session.step(session.command.with_needle(depth=14.0)).metrics.time_s == 3
 
 
 def test_a_frozen_session_shows_its_picture_and_its_meshes_again(running):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulator_scenes import SMALL
-from sonospline.simulator import SceneError, SceneFile, Session, World, organs, scene_schema
+from sonospline.simulator import Scene, SceneError, SceneFile, Session, organs, scene_schema
 from sonospline.simulator.scene_file import SHIPPED, line_of
 from sonospline.simulator.surfaces import MOST_VERTICES
 
@@ -20,18 +20,18 @@ def test_shipped_scenes_are_well_formed(name):
 
 
 @pytest.fixture(scope="module")
-def world():
-    return World.make(SceneFile.parse(SMALL))
+def scene():
+    return Scene.make(SceneFile.parse(SMALL))
 
 
-def test_meshes_are_closed_numbered_and_few(world):
-    assert [(mesh.name, mesh.kind) for mesh in world.meshes] == [
+def test_meshes_are_closed_numbered_and_few(scene):
+    assert [(mesh.name, mesh.kind) for mesh in scene.meshes] == [
         ("vessel", "surface"), ("skin", "surface"), ("grid", "lines"),
     ]  # fmt: skip
-    assert sum(len(mesh.points) for mesh in world.meshes) <= MOST_VERTICES
-    for mesh in world.meshes:
+    assert sum(len(mesh.points) for mesh in scene.meshes) <= MOST_VERTICES
+    for mesh in scene.meshes:
         assert set(mesh.indices.ravel()) == set(range(len(mesh.points)))
-    vessel = world.meshes[0]
+    vessel = scene.meshes[0]
     assert np.ptp(vessel.points[:, 1]) == pytest.approx(2 * (3.5 + 0.7), abs=1.5)
     edges = np.sort(vessel.indices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
@@ -41,21 +41,21 @@ def test_meshes_are_closed_numbered_and_few(world):
     assert volume == pytest.approx(np.pi * 4.2**2 * 120, rel=0.25)  # of 2 mm voxels; triangles face out
 
 
-def test_the_skin_faces_out_of_the_tissue(world):
-    skin = world.meshes[1]
+def test_the_skin_faces_out_of_the_tissue(scene):
+    skin = scene.meshes[1]
     a, b, c = (skin.points[skin.indices[:, k]] for k in range(3))
-    assert (np.cross(b - a, c - a) @ world.frame.depth < 0).all()
+    assert (np.cross(b - a, c - a) @ scene.frame.depth < 0).all()
     assert (skin.points[:, 2] == 0).all()
 
 
-def test_meshes_move_with_the_tissue(world):
-    session = Session(world, model="paper")
-    field = session.step(world.start.with_needle(depth=35.0)).field
-    moved = world.deformed(field, grid=True)
-    rest = np.concatenate([mesh.points for mesh in world.meshes])
+def test_meshes_move_with_the_tissue(scene):
+    session = Session(scene, model="paper")
+    field = session.step(scene.start.with_needle(depth=35.0)).field
+    moved = scene.deformed(field, grid=True)
+    rest = np.concatenate([mesh.points for mesh in scene.meshes])
     assert moved == pytest.approx(field.forward(rest), abs=1e-4)
     assert np.abs(moved - rest).max() > 0.3
-    assert len(world.deformed(field, grid=False)) == len(rest) - len(world.meshes[-1].points)
+    assert len(scene.deformed(field, grid=False)) == len(rest) - len(scene.meshes[-1].points)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_the_documentation_names_every_key():
 )
 def test_what_does_not_fit_together_is_refused(change, says):
     with pytest.raises(ValueError, match=says):
-        World.make(SceneFile.parse(SMALL.replace(*change)))
+        Scene.make(SceneFile.parse(SMALL.replace(*change)))
 
 
 def test_missing_files_and_unknown_names_are_refused(tmp_path):
@@ -160,16 +160,16 @@ depth_mm = 100.0
 
 def test_a_real_label_map_becomes_a_scene(shared_data):
     """Whole, and a piece of 90 mm of it."""
-    world = _made(LABELS.format(folder=shared_data, face="y+", box=""))
-    assert len(world.meshes) == 8 + 2  # its largest organs, the skin, the grid
-    assert world.spec.model.use == "elastic"
-    low, high = world.box
+    scene = _made(LABELS.format(folder=shared_data, face="y+", box=""))
+    assert len(scene.meshes) == 8 + 2  # its largest organs, the skin, the grid
+    assert scene.spec.model.use == "elastic"
+    low, high = scene.box
     middle = (low + high) / 2
-    assert world.targets["middle"] == pytest.approx(middle, abs=3)
+    assert scene.targets["middle"] == pytest.approx(middle, abs=3)
     box = f"low = {(middle - 40).tolist()}\nhigh = {(middle + 40).tolist()}"
-    world = _made(LABELS.format(folder=shared_data, face="y+", box=box))
-    session = Session(world)
-    shot = session.settle(session.wish.with_needle(depth=60.0))
+    scene = _made(LABELS.format(folder=shared_data, face="y+", box=box))
+    session = Session(scene)
+    shot = session.settle(session.command.with_needle(depth=60.0))
     assert shot.image.pixels.std() > 10
     assert 0.01 < shot.readouts.moved < 20
 
@@ -190,10 +190,10 @@ depth_mm = 50.0
 u = 20.0
 length_mm = 60.0
 """
-    world = _made(text)
-    session = Session(world)
+    scene = _made(text)
+    session = Session(scene)
     before = session.step()
-    after = session.settle(session.wish.with_needle(depth=30.0))
+    after = session.settle(session.command.with_needle(depth=30.0))
     assert before.image.mask.mean() > 0.2
     assert (before.image.pixels[~before.image.mask] == 0).all()
     assert (before.image.pixels != after.image.pixels).mean() > 0.1
@@ -202,27 +202,27 @@ length_mm = 60.0
     inside = (row >= 0) & (row < after.image.pixels.shape[0]) & (column >= 0) & (column < after.image.pixels.shape[1])
     seen = after.image.mask[row[inside], column[inside]]
     assert (after.image.pixels[row[inside], column[inside]][seen] > 200).all()  # the needle is painted
-    assert session.step(session.wish.with_image(gain=-20.0)).image.pixels.mean() < after.image.pixels.mean()
+    assert session.step(session.command.with_image(gain=-20.0)).image.pixels.mean() < after.image.pixels.mean()
     with pytest.raises(ValueError, match=r"image.frequency = .* out of range"):
-        session.step(session.wish.with_image(frequency=9.0))
+        session.step(session.command.with_image(frequency=9.0))
 
 
 def _made(text):
-    return World.make(SceneFile.parse(text))
+    return Scene.make(SceneFile.parse(text))
 
 
-def test_surfaces_are_kept_between_runs(world, monkeypatch, tmp_path, caplog):
+def test_surfaces_are_kept_between_runs(scene, monkeypatch, tmp_path, caplog):
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
-    made = world.draw()
+    made = scene.draw()
     (kept,) = tmp_path.glob("surfaces-*.npz")
     monkeypatch.setattr(organs, "_contour", None)  # whoever makes surfaces now fails
-    for mesh, again in zip(made, world.draw(), strict=True):
+    for mesh, again in zip(made, scene.draw(), strict=True):
         assert (mesh.name, mesh.colour) == (again.name, again.colour)
         np.testing.assert_array_equal(mesh.points, again.points)
         np.testing.assert_array_equal(mesh.indices, again.indices)
     monkeypatch.undo()
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
     kept.write_bytes(kept.read_bytes()[:100])
-    assert len(world.draw()) == len(made)
+    assert len(scene.draw()) == len(made)
     assert "surfaces of organs" in caplog.text
     assert kept.stat().st_size > 100

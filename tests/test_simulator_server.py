@@ -48,12 +48,12 @@ def test_the_picture_sent_is_the_librarys(running, page):
     header, payload = page.frame(page.ask(depth=30.0))
     while not header["mesh"]:  # at most 15 a second
         header, payload = page.frame(page.ask(depth=page.state["needle"]["depth"] + 0.25))
-    world = running.server.library._worlds["small"]
+    scene = running.server.catalog._made["small"]
     needle = ss.Needle(header["needle"]["entry"], header["needle"]["tip"])
-    exact = ss.Insertion(world.tissue).advance(needle)
+    exact = ss.Insertion(scene.tissue).advance(needle)
     field = ss.GridField.of(exact)
     pose = np.array(header["probe_to_reference"]).reshape(4, 4)
-    imager = world.see(world.probe, pose)
+    imager = scene.see(scene.probe, pose)
     expected = imager.render(field, needle, frame=header["noise"], gain_db=0.0)
     assert (wire.read_pixels(header, payload) == expected.pixels).all()
     plane = expected.plane
@@ -61,13 +61,13 @@ def test_the_picture_sent_is_the_librarys(running, page):
     assert image_to_reference[:3, 3] == pytest.approx(plane.points[0])
     last = image_to_reference @ [*(np.array(plane.shape[::-1]) - 1) * header["pixel"], 0, 1]
     assert last[:3] == pytest.approx(plane.points[-1])
-    moved = exact.displacement(world.targets["vessel"][None])[0]
+    moved = exact.displacement(scene.targets["vessel"][None])[0]
     target = header["target"]
     assert np.subtract(target["now"], target["rest"]) == pytest.approx(moved, abs=0.01)
     offset = -(-header["rows"] * header["columns"] // 4) * 4
     positions = np.frombuffer(payload, "<f4", 3 * header["mesh"], offset).reshape(-1, 3)
     assert header["grid"]
-    assert positions == pytest.approx(world.deformed(field, grid=True), abs=1e-3)
+    assert positions == pytest.approx(scene.deformed(field, grid=True), abs=1e-3)
     assert offset + positions.nbytes == len(payload)
 
 
@@ -99,10 +99,10 @@ def test_at_most_two_frames_are_in_flight_and_one_where_the_page_is_slow(page, a
 def test_a_server_at_work_on_a_frame_still_answers_a_ping(page, monkeypatch):
     at_work, go_on = threading.Event(), threading.Event()
 
-    def slow_step(session, wish=None, step=Session.step):
+    def slow_step(session, command=None, step=Session.step):
         at_work.set()
         go_on.wait(60)
-        return step(session, wish)
+        return step(session, command)
 
     monkeypatch.setattr(Session, "step", slow_step)
     seq = page.ask(depth=4.0)

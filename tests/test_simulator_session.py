@@ -1,4 +1,4 @@
-"""The session: what a wish becomes, the read-outs, passes, freeze, reset, and its thread."""
+"""The session: what a command becomes, the read-outs, passes, freeze, reset, and its thread."""
 
 import threading
 import time
@@ -10,9 +10,9 @@ import pytest
 import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.models.elastic import ElasticInsertion
-from sonospline.simulator import Runner, SceneFile, Session, World
+from sonospline.simulator import Runner, Scene, SceneFile, Session
 from sonospline.simulator.skin_frame import SkinFrame, room_along
-from sonospline.ultrasound import Ultrasound
+from sonospline.ultrasound import Scanner
 
 
 class Clock:
@@ -25,8 +25,8 @@ class Clock:
 
 
 @pytest.fixture(scope="module")
-def world():
-    return World.make(SceneFile.parse(SMALL))
+def scene():
+    return Scene.make(SceneFile.parse(SMALL))
 
 
 @pytest.fixture
@@ -35,29 +35,29 @@ def clock():
 
 
 @pytest.fixture
-def session(world, clock):
-    return Session(world, clock=clock)
+def session(scene, clock):
+    return Session(scene, clock=clock)
 
 
 def at_depth(session, depth):
-    return session.world.start.with_needle(depth=depth)
+    return session.scene.start.with_needle(depth=depth)
 
 
-def the_needle(world, wish):
-    entry = world.frame.entry(wish.needle)
-    return ss.Needle(entry, entry + wish.needle.depth * world.frame.direction(wish.needle))
+def the_needle(scene, command):
+    entry = scene.frame.entry(command.needle)
+    return ss.Needle(entry, entry + command.needle.depth * scene.frame.direction(command.needle))
 
 
-def test_the_needle_is_where_the_protocol_says(world):
-    wish = replace(world.start.needle, u=3.0, v=-2.0, angle=60.0, swing=10.0, depth=20.0)
-    frame = world.frame
-    assert frame.entry(wish) == pytest.approx([63, 32, 0])  # n = r x d = -y
+def test_the_needle_is_where_the_protocol_says(scene):
+    command = replace(scene.start.needle, u=3.0, v=-2.0, angle=60.0, swing=10.0, depth=20.0)
+    frame = scene.frame
+    assert frame.entry(command) == pytest.approx([63, 32, 0])  # n = r x d = -y
     c, s = np.cos(np.radians(10)), np.sin(np.radians(10))
-    assert frame.direction(wish) == pytest.approx([c * 0.5, -s, c * np.sqrt(3) / 2])
+    assert frame.direction(command) == pytest.approx([c * 0.5, -s, c * np.sqrt(3) / 2])
 
 
-def test_the_probe_is_where_the_protocol_says(world):
-    frame, probe = world.frame, world.start.probe
+def test_the_probe_is_where_the_protocol_says(scene):
+    frame, probe = scene.frame, scene.start.probe
     at_rest = frame.probe_to_reference(probe, 2.0)
     assert at_rest[:3, 3] == pytest.approx(frame.origin + 2 * frame.depth)
     assert at_rest[:3, :3] == pytest.approx(np.column_stack([frame.right, frame.depth, frame.out]))
@@ -82,28 +82,28 @@ def test_room_is_counted_to_the_wall():
 
 
 @pytest.mark.parametrize("model", ["paper", "kelvinlet", "elastic"])
-def test_the_target_moves_as_the_library_computes(world, model):
+def test_the_target_moves_as_the_library_computes(scene, model):
     """The issue's 0.01 mm, for the same pose, however the needle got there."""
-    session = Session(world, model=model)
+    session = Session(scene, model=model)
     for depth in (10.0, 30.0, 50.0, 41.0):
         session.step(at_depth(session, depth))
     shot = session.settle()
-    needle = the_needle(world, shot.wish)
+    needle = the_needle(scene, shot.command)
     if model == "elastic":
-        insertion = ElasticInsertion(world.tissue, world.tissues, nodes=world.spec.model.solver_nodes)
+        insertion = ElasticInsertion(scene.tissue, scene.tissues, nodes=scene.spec.model.solver_nodes)
         insertion.advance(needle)
         field = insertion.settle(1e-5)
     elif model == "kelvinlet":
-        field = ss.KelvinletInsertion(world.tissue).advance(needle)
+        field = ss.KelvinletInsertion(scene.tissue).advance(needle)
     else:
-        field = ss.Insertion(world.tissue).advance(needle)
-    moved = field.displacement(world.targets["vessel"][None])[0]
+        field = ss.Insertion(scene.tissue).advance(needle)
+    moved = field.displacement(scene.targets["vessel"][None])[0]
     assert np.linalg.norm(moved) > 0.2
     assert shot.target_now - shot.target_rest == pytest.approx(moved, abs=0.01)
     assert shot.readouts.moved == pytest.approx(np.linalg.norm(moved), abs=0.01)
-    parts = [moved @ d for d in (world.frame.right, world.frame.depth, world.frame.out)]
+    parts = [moved @ d for d in (scene.frame.right, scene.frame.depth, scene.frame.out)]
     assert shot.readouts.moved_parts == pytest.approx(parts, abs=0.01)
-    to_target = np.linalg.norm(world.targets["vessel"] + moved - needle.tip)
+    to_target = np.linalg.norm(scene.targets["vessel"] + moved - needle.tip)
     assert shot.readouts.tip_to_target == pytest.approx(to_target, abs=0.01)
 
 
@@ -117,52 +117,52 @@ def test_pulling_back_returns_to_rest(session):
     assert not out.field.values.any()
 
 
-def test_every_pixel_is_the_librarys(world):
-    session = Session(world)
+def test_every_pixel_is_the_librarys(scene):
+    session = Session(scene)
     session.step()
     session.step(at_depth(session, 25.0))
     session.settle()
-    wish = at_depth(session, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
-    shot = session.step(wish)
-    pose = world.frame.probe_to_reference(wish.probe, world.spec.probe.press_mm)
-    scanner = Ultrasound(world.see(world.probe, pose)._scanner.scene, world.probe, pose, margin_mm=8.0)
+    command = at_depth(session, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
+    shot = session.step(command)
+    pose = scene.frame.probe_to_reference(command.probe, scene.spec.probe.press_mm)
+    scanner = Scanner(scene.see(scene.probe, pose)._scanner.phantom, scene.probe, pose, margin_mm=8.0)
     scanner = scanner.with_display(gain_db=scanner.display.gain_db + 3.0)
     field = ss.GridField.of(session._insertions["elastic"].field)
-    expected = scanner.render(field, the_needle(world, wish), frame=shot.number).frame
+    expected = scanner.render(field, the_needle(scene, command), frame=shot.number).frame
     assert (shot.image.pixels == expected.pixels).all()
     assert shot.image.pixels.std() > 5
 
 
 def test_probe_and_knobs_change_the_picture(session):
     rest = session.step()
-    swept = session.step(session.wish.with_probe(sweep=4.0))
+    swept = session.step(session.command.with_probe(sweep=4.0))
     assert (swept.image.pixels != rest.image.pixels).mean() > 0.3
     assert swept.readouts.out_of_plane == pytest.approx(-4.0)  # the tip stayed, the plane went towards the viewer
-    deeper = session.step(session.wish.with_image(depth=40.0, frequency=2.5, focus=15.0))
+    deeper = session.step(session.command.with_image(depth=40.0, frequency=2.5, focus=15.0))
     assert deeper.image.plane.spacing_mm[0] > rest.image.plane.spacing_mm[0]
-    louder = session.step(session.wish.with_image(gain=10.0))
+    louder = session.step(session.command.with_image(gain=10.0))
     assert louder.image.pixels.mean() > deeper.image.pixels.mean() + 5
 
 
 def test_what_is_physically_blocked_is_clamped(session):
     long = session.step(at_depth(session, 80.0))
-    assert (long.blocked, long.wish.needle.depth) == ("end of needle", 80.0)
+    assert (long.blocked, long.command.needle.depth) == ("end of needle", 80.0)
     session.undo_pass()
     steep = at_depth(session, 79.0).with_needle(angle=90.0)
     through = session.step(steep)
     assert through.blocked == "leaves the tissue"
-    assert through.wish.needle.depth == pytest.approx(70.0, abs=0.01)
-    assert session.world.tissue.grid.contains(through.tip).all()
+    assert through.command.needle.depth == pytest.approx(70.0, abs=0.01)
+    assert session.scene.tissue.grid.contains(through.tip).all()
 
 
 def test_a_needle_inside_keeps_its_entry_and_turns_a_little(session):
     session.step(at_depth(session, 30.0))
-    shot = session.step(session.wish.with_needle(u=-20.0, angle=60.0))
+    shot = session.step(session.command.with_needle(u=-20.0, angle=60.0))
     assert shot.blocked == "needle inside"
-    assert (shot.wish.needle.u, shot.wish.needle.angle) == (-34.0, 43.0)
+    assert (shot.command.needle.u, shot.command.needle.angle) == (-34.0, 43.0)
     assert session.step(at_depth(session, 31.0).with_needle(angle=40.0)).blocked is None
-    out = session.step(session.wish.with_needle(u=-20.0, angle=60.0, depth=0.0))
-    assert (out.blocked, out.wish.needle.u, out.wish.needle.angle) == (None, -20.0, 60.0)
+    out = session.step(session.command.with_needle(u=-20.0, angle=60.0, depth=0.0))
+    assert (out.blocked, out.command.needle.u, out.command.needle.angle) == (None, -20.0, 60.0)
 
 
 @pytest.mark.parametrize(
@@ -172,8 +172,8 @@ def test_a_needle_inside_keeps_its_entry_and_turns_a_little(session):
 def test_nonsense_is_refused_and_changes_nothing(session, part, change):
     before = session.step(at_depth(session, 20.0))
     with pytest.raises(ValueError, match=rf"{part}.{next(iter(change))} = .* is out of range; give"):
-        session.step(getattr(session.wish, f"with_{part}")(**change))
-    assert session.wish == before.wish
+        session.step(getattr(session.command, f"with_{part}")(**change))
+    assert session.command == before.command
     assert session.last is before
 
 
@@ -182,50 +182,50 @@ def test_a_pass_is_counted(session, clock):
     for depth in (10.0, 20.0, 15.0):
         clock.now += 1
         shot = session.step(at_depth(session, depth).with_probe(sweep=0.0))
-    assert shot.figures.passes == 1
-    assert shot.figures.tip_path_mm == pytest.approx(15.0)
-    assert shot.figures.time_s == pytest.approx(2.0)
-    shot = session.step(session.wish.with_probe(sweep=-3.0))
-    assert shot.figures.max_off_plane_mm == pytest.approx(3.0)
+    assert shot.metrics.passes == 1
+    assert shot.metrics.tip_path_mm == pytest.approx(15.0)
+    assert shot.metrics.time_s == pytest.approx(2.0)
+    shot = session.step(session.command.with_probe(sweep=-3.0))
+    assert shot.metrics.max_off_plane_mm == pytest.approx(3.0)
     session.step(at_depth(session, 0.0))
-    assert session.step(at_depth(session, 5.0)).figures.passes == 2
+    assert session.step(at_depth(session, 5.0)).metrics.passes == 2
 
 
 def test_undo_takes_a_pass_back(session):
     session.step(at_depth(session, 20.0))
-    first = session.step(at_depth(session, 0.0)).figures
+    first = session.step(at_depth(session, 0.0)).metrics
     session.step(at_depth(session, 35.0))
     session.undo_pass()
     shot = session.step()
     assert shot.needle is None
-    assert (shot.figures.passes, shot.figures.tip_path_mm) == (first.passes, first.tip_path_mm)
+    assert (shot.metrics.passes, shot.metrics.tip_path_mm) == (first.passes, first.tip_path_mm)
     session.undo_pass()
-    assert session.step().figures.passes == 0
+    assert session.step().metrics.passes == 0
 
 
 def test_freeze_holds_everything(session, clock):
     session.step(at_depth(session, 20.0))
     shot = session.step(at_depth(session, 20.0))
     frozen = session.step(replace(at_depth(session, 40.0).with_probe(sweep=5.0), frozen=True))
-    assert frozen.wish == replace(shot.wish, frozen=True)
+    assert frozen.command == replace(shot.command, frozen=True)
     assert frozen.image is shot.image
     clock.now += 50
-    again = session.step(replace(session.wish, frozen=False))
-    assert again.wish.needle.depth == 20.0
-    assert again.figures.time_s < 1  # frozen time does not count
+    again = session.step(replace(session.command, frozen=False))
+    assert again.command.needle.depth == 20.0
+    assert again.metrics.time_s < 1  # frozen time does not count
 
 
 def test_a_reset_can_be_undone_for_a_while(session, clock):
     moved = session.step(at_depth(session, 25.0).with_probe(sweep=2.0))
     session.reset()
     start = session.step()
-    assert start.wish == session.world.start
-    assert start.figures.passes == 0
+    assert start.command == session.scene.start
+    assert start.metrics.passes == 0
     clock.now += 7.9
     session.restore()
     back = session.step()
-    assert back.wish == moved.wish
-    assert back.figures.passes == 1
+    assert back.command == moved.command
+    assert back.metrics.passes == 1
     assert back.readouts.moved == pytest.approx(moved.readouts.moved, abs=0.1)
     with pytest.raises(ValueError, match="no reset of the last 8 s"):
         session.restore()
@@ -240,7 +240,7 @@ def test_models_switch_at_the_same_pose(session):
     for model in ("elastic", "paper", "kelvinlet", "elastic"):
         session.switch(model)
         shots[model] = session.settle(at_depth(session, 36.0))
-    assert len({shot.wish for shot in shots.values()}) == 1
+    assert len({shot.command for shot in shots.values()}) == 1
     assert len({round(shot.readouts.moved, 3) for shot in shots.values()}) == 3
     assert shots["paper"].readouts.estimate is None
     assert 0 < shots["elastic"].readouts.estimate < 1e-3
@@ -256,10 +256,10 @@ def test_targets_are_chosen(session):
         session.choose_target("nowhere")
 
 
-def test_folding_tissue_is_seen(world):
+def test_folding_tissue_is_seen(scene):
     from sonospline.simulator.fold_check import folds
 
-    grid, needle = world.tissue.grid, the_needle(world, world.start.with_needle(depth=30.0))
+    grid, needle = scene.tissue.grid, the_needle(scene, scene.start.with_needle(depth=30.0))
     values = np.zeros((*grid.shape, 3), np.float32)
     assert not folds(ss.GridField(grid, values), needle)
     node = np.rint(grid.local(needle.tip[None])[0] / grid.spacing).astype(int)
@@ -274,12 +274,12 @@ def wait_for(condition, seconds=60.0):
     return condition()
 
 
-def test_the_newest_wish_wins_and_commands_keep_their_place(session):
-    """Wishes asked for while a picture is made are forgotten but for the last; an undo is not overtaken."""
+def test_the_newest_command_wins_and_commands_keep_their_place(session):
+    """Commands asked for while a picture is made are forgotten but for the last; an undo is not overtaken."""
     shots, gate = [], threading.Event()
 
     def deliver(shot, stamp):
-        shots.append((stamp.seq, shot.wish.needle.depth))
+        shots.append((stamp.seq, shot.command.needle.depth))
         if stamp.seq:
             gate.wait(60)
 
@@ -296,24 +296,24 @@ def test_the_newest_wish_wins_and_commands_keep_their_place(session):
     assert seen == sorted(seen)
     assert {1, 29, 30} <= set(seen) <= {0, 1, 29, 30}
     assert dict(shots)[30] == 7.0
-    assert session.last.figures.passes == 1  # the first pass was undone
+    assert session.last.metrics.passes == 1  # the first pass was undone
 
 
 def test_a_step_that_fails_leaves_the_last_picture(session, monkeypatch, caplog):
     shots, complaints = [], []
     with Runner(session, lambda shot, stamp: shots.append(shot), complain=complaints.append) as runner:
         runner.ask(at_depth(session, 20.0), 1)
-        assert wait_for(lambda: shots and shots[-1].wish.needle.depth == 20 and shots[-1].settled)
+        assert wait_for(lambda: shots and shots[-1].command.needle.depth == 20 and shots[-1].settled)
         good = session.last
         insertion = session._insertion()
         with monkeypatch.context() as broken:
             broken.setattr(insertion, "advance", lambda needle: 1 / 0)
             runner.ask(at_depth(session, 30.0), 2)
             assert wait_for(lambda: complaints)
-        assert session.wish.needle.depth == 20
+        assert session.command.needle.depth == 20
         assert session.last.field is good.field
         runner.ask(at_depth(session, 30.0), 3)
-        assert wait_for(lambda: session.wish.needle.depth == 30)
+        assert wait_for(lambda: session.command.needle.depth == 30)
     assert complaints == ["division by zero"]
     assert "the last picture stays" in caplog.text
 
@@ -322,13 +322,13 @@ def test_a_frozen_session_sends_nothing(session):
     shots = []
     with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
         runner.ask(at_depth(session, 20.0), 1)
-        assert wait_for(lambda: shots and shots[-1].settled and shots[-1].wish.needle.depth == 20)
-        runner.ask(replace(session.wish, frozen=True), 2)
-        assert wait_for(lambda: shots[-1].wish.frozen)
+        assert wait_for(lambda: shots and shots[-1].settled and shots[-1].command.needle.depth == 20)
+        runner.ask(replace(session.command, frozen=True), 2)
+        assert wait_for(lambda: shots[-1].command.frozen)
         count = len(shots)
         time.sleep(0.4)
         assert len(shots) == count
-        runner.ask(replace(session.wish, frozen=False), 3)
+        runner.ask(replace(session.command, frozen=False), 3)
         assert wait_for(lambda: len(shots) > count + 2)  # noise lives again
 
 
@@ -336,7 +336,7 @@ def test_elastic_tissue_comes_to_rest_by_itself(session):
     shots = []
     with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
         runner.ask(at_depth(session, 45.0), 1)
-        assert wait_for(lambda: shots and shots[-1].wish.needle.depth == 45 and shots[-1].settled)
+        assert wait_for(lambda: shots and shots[-1].command.needle.depth == 45 and shots[-1].settled)
     assert shots[-1].readouts.estimate <= 5e-4
 
 

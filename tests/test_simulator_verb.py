@@ -69,8 +69,8 @@ def test_the_live_benchmark_measures_and_judges(tmp_path, capsys):
     assert results == json.loads((out / "live.json").read_text())
     assert results["out_of_order"] == 0
     assert results["latency"]["server_ms"]["frames"] > 5
-    figures = {claim["claim"]: claim for claim in results["claims"]}
-    median = figures["pose to encoded frame, median, ms"]
+    metrics = {claim["claim"]: claim for claim in results["claims"]}
+    median = metrics["pose to encoded frame, median, ms"]
     assert median["figure"] == results["latency"]["server_ms"]["median"]
     assert median["kept"] == (median["figure"] <= 20)
     assert "| server ms |" in (out / "live.md").read_text()

@@ -12,7 +12,7 @@ from liver import CURVED, EDGE, FLAT, LINEAR, SEEDS, a_field, liver_scanner
 from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
-from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Probe, Scene, Ultrasound
+from sonospline.ultrasound import TISSUES, AcousticTissue, Display, Phantom, Probe, Scanner
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics
 
@@ -21,7 +21,7 @@ def two_layers(tissue):
     """Liver over 15 mm of something over liver."""
     voxels = np.zeros((60, 30, 60), np.uint8)
     voxels[:, :, 24:39] = 1
-    return Scene(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: tissue})
+    return Phantom(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: "liver", 1: tissue})
 
 
 @pytest.mark.parametrize("name", ["urine", pytest.param("muscle", marks=pytest.mark.slow)])
@@ -30,10 +30,10 @@ def test_what_lies_behind_is_attenuated_as_the_table_says(name):
     pose = facing((30, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))
     quiet = Display(noise_db=-150)
 
-    def behind(scene):
+    def behind(phantom):
         powers = [
             np.mean(
-                np.abs(Ultrasound(scene, probe, pose, display=quiet, seed=s, margin_mm=0.2).render().iq[:, 820:]) ** 2
+                np.abs(Scanner(phantom, probe, pose, display=quiet, seed=s, margin_mm=0.2).render().iq[:, 820:]) ** 2
             )
             for s in SEEDS
         ]
@@ -49,7 +49,7 @@ def test_what_lies_behind_is_attenuated_as_the_table_says(name):
 @pytest.mark.parametrize("name", ["bone", "gas"])
 def test_bone_and_gas_cast_a_black_shadow_under_a_bright_surface(name):
     probe = Probe.linear(depth_mm=50, lines=64, aperture_mm=25)
-    beams = Ultrasound(two_layers(name), probe, facing((30, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))).render().beams
+    beams = Scanner(two_layers(name), probe, facing((30, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))).render().beams
     surface = int((24 - 0.5 - 2) / probe.sample_mm)
     assert beams[8:-8, surface - 8 : surface + 12].max(axis=1).mean() > beams[8:-8, 100:300].mean() + 40
     assert beams[:, surface + 120 : surface + 300].mean() < 10
@@ -59,13 +59,13 @@ def test_a_tilted_surface_is_darker_than_a_square_one():
     probe = Probe.linear(depth_mm=50, lines=64, aperture_mm=25)
     silent = AcousticTissue(name="oil", speed_m_s=1400, density_kg_m3=900, attenuation_db_cm_mhz=0, backscatter_db=-200)
     layers = two_layers("fat")
-    fluids = Scene(layers.labels, {0: "gel", 1: silent})
+    fluids = Phantom(layers.labels, {0: "gel", 1: silent})
     glint = []
     for degrees in (0, 30):
         tilt = np.radians(degrees)
         depth = (np.sin(tilt), 0, np.cos(tilt))
         start = np.array([30, 15, 24]) - 22 * np.array(depth)
-        image = Ultrasound(fluids, probe, facing(start, depth=depth, right=(1, 0, 0))).render()
+        image = Scanner(fluids, probe, facing(start, depth=depth, right=(1, 0, 0))).render()
         middle = image.envelope[28:36, 430:475]
         glint.append(20 * np.log10(middle.max()))
     assert glint[0] > glint[1] + 12
@@ -122,16 +122,16 @@ def test_every_instruction_set_agrees_with_the_twin(probe, native, monkeypatch):
 @needs_core
 @pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
 def test_every_instruction_set_chooses_the_scatterers_of_the_twin(probe, native, monkeypatch):
-    """In a scene with textures and interfaces, seen obliquely, over a lattice turned against it."""
+    """In a phantom with textures and interfaces, seen obliquely, over a lattice turned against it."""
     voxels = np.zeros((70, 30, 60), np.uint8)
     voxels[:, :, 20:40], voxels[30:, :, 40:] = 1, 2
-    scene = Scene(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), {0: "liver", 1: "muscle", 2: "urine"})
+    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), {0: "liver", 1: "muscle", 2: "urine"})
     pose = facing((35, 18, 1), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
     turn = facing((0, 0, 0), depth=(0.1, 1, 0), right=(1, 0, 0.2))[:3, :3]
     grid = ss.Grid(shape=(20, 9, 18), spacing=(3, 4, 3.5), origin=(5, -2, 3), direction=turn)
 
     def chosen():
-        frames, nodes, starts, place, amplitude, step = aim(scene, Optics(probe), pose, grid, 3.0, 5)[:6]
+        frames, nodes, starts, place, amplitude, step = aim(phantom, Optics(probe), pose, grid, 3.0, 5)[:6]
         cell = np.repeat(np.arange(len(nodes)), np.diff(starts))
         each = [nodes[cell, :1], frames[cell][:, :14], place[:, : len(cell)].T / 65536, amplitude[: len(cell)] * step]
         table = np.column_stack(each)
@@ -153,7 +153,7 @@ def test_a_moved_probe_shows_what_a_new_one_would():
     before = scanner.render(a_field()).iq
     pose = facing((72, 14, 5), depth=(0.1, 0.05, 1), right=(1, 0, 0))
     moved = scanner.moved(pose)
-    new = Ultrasound(scanner.scene, CURVED, pose, display=FLAT, margin_mm=0.2)
+    new = Scanner(scanner.phantom, CURVED, pose, display=FLAT, margin_mm=0.2)
     assert np.array_equal(moved.render(a_field()).iq, new.render(a_field()).iq)
     assert np.allclose(moved.image_to_reference, pose)
     assert np.array_equal(scanner.render(a_field()).iq, before)
@@ -164,8 +164,8 @@ def test_another_setting_of_the_probe_shows_what_a_new_scanner_would():
     before = scanner.render(a_field()).iq
     for probe in (replace(CURVED, depth_mm=80, frequency_mhz=4.5, elevation_focus_mm=40), LINEAR):
         other = scanner.with_probe(probe)
-        new = Ultrasound(
-            scanner.scene, probe, scanner.image_to_reference, display=FLAT, margin_mm=0.2,
+        new = Scanner(
+            scanner.phantom, probe, scanner.image_to_reference, display=FLAT, margin_mm=0.2,
             picture_shape=scanner.plane.shape,
         )  # fmt: skip
         found, expected = other.render(a_field()), new.render(a_field())
@@ -187,8 +187,8 @@ def test_a_field_on_a_lattice_of_its_own_is_sampled_on_its_grid():
 
 
 def test_a_probe_that_sees_nothing_gives_a_black_picture_and_a_warning(caplog):
-    scene = Scene.uniform("liver", size_mm=(30, 10, 30))
-    away = Ultrasound(scene, LINEAR, facing((500, 0, 0), depth=(0, 0, 1), right=(1, 0, 0)))
+    phantom = Phantom.uniform("liver", size_mm=(30, 10, 30))
+    away = Scanner(phantom, LINEAR, facing((500, 0, 0), depth=(0, 0, 1), right=(1, 0, 0)))
     with caplog.at_level(logging.WARNING):
         image = away.render()
     assert "sees nothing" in caplog.text
@@ -208,15 +208,15 @@ def test_a_field_with_nan_is_left_out_with_a_warning(caplog):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((None, LINEAR, np.eye(4)), "scene = NoneType"),
+        ((None, LINEAR, np.eye(4)), "phantom = NoneType"),
         (("scene", None, np.eye(4)), "probe = NoneType"),
         (("scene", LINEAR, np.zeros((4, 4))), "not rigid"),
     ],
 )
 def test_what_is_no_scanner_is_refused(arguments, message):
-    scene = Scene.uniform("liver", size_mm=(30, 10, 30)) if arguments[0] else None
+    phantom = Phantom.uniform("liver", size_mm=(30, 10, 30)) if arguments[0] else None
     with pytest.raises(ValueError, match=message):
-        Ultrasound(scene, *arguments[1:])
+        Scanner(phantom, *arguments[1:])
 
 
 def test_a_tissue_that_is_none_is_refused():

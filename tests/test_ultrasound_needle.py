@@ -7,7 +7,7 @@ import pytest
 
 import sonospline as ss
 from sonospline.geometry import facing
-from sonospline.ultrasound import Display, NeedleEcho, Probe, Scene, Ultrasound
+from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 from sonospline.ultrasound.optics import CUT_WEIGHT
 
 PROBE = Probe.linear(depth_mm=40, lines=160, aperture_mm=32)
@@ -23,9 +23,9 @@ def measured(folder, name):
 
 
 def scanner(tissue="gel", needle=None, **settings):
-    scene = Scene.uniform(tissue, size_mm=(60, 30, 50))
+    phantom = Phantom.uniform(tissue, size_mm=(60, 30, 50))
     display = Display(tgc_db_cm_mhz=0.5, noise_db=-150)
-    return Ultrasound(scene, PROBE, POSE, display=display, needle_echo=needle, margin_mm=0.2, **settings)
+    return Scanner(phantom, PROBE, POSE, display=display, needle_echo=needle, margin_mm=0.2, **settings)
 
 
 def at_angle(beta_deg, offset_mm=0.0, half_length=7.0):

@@ -8,7 +8,7 @@ from scipy.signal import fftconvolve
 import sonospline as ss
 from liver import CURVED, EDGE, FLAT, LINEAR, SEEDS, liver_scanner, shifted, speckle
 from sonospline.geometry import facing
-from sonospline.ultrasound import Probe, Scene, Ultrasound
+from sonospline.ultrasound import Phantom, Probe, Scanner
 from sonospline.ultrasound.optics import CUT_WEIGHT
 
 
@@ -125,8 +125,8 @@ def block_shift(first, second, at, size, search):
 def test_speckle_moves_with_the_tissue():
     """Block matching between frames before and after a needle step recovers the model's displacement."""
     probe = Probe.linear(depth_mm=40, lines=192, aperture_mm=38.2)
-    scene = Scene.uniform("liver", size_mm=(60, 30, 52))
-    scanner = Ultrasound(scene, probe, facing((30, 15, 4), depth=(0, 0, 1), right=(1, 0, 0)), display=FLAT)
+    phantom = Phantom.uniform("liver", size_mm=(60, 30, 52))
+    scanner = Scanner(phantom, probe, facing((30, 15, 4), depth=(0, 0, 1), right=(1, 0, 0)), display=FLAT)
     grid = ss.Grid.covering((60, 30, 52), nodes=60_000)
     insertion = ss.Insertion(ss.Tissue(grid, entry_face="x-"), model=ss.NeedleTissueModel.paper(60.0))
     deeper = [ss.GridField.of(insertion.advance(ss.Needle((0, 15, 16), tip))) for tip in ((10, 15, 17), (44, 15, 30))]

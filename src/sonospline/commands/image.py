@@ -1,4 +1,4 @@
-"""``sonospline image``: the ultrasound image of a scene or a volume, before and after a needle."""
+"""``sonospline image``: the ultrasound image of a phantom or a volume, before and after a needle."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from ..ultrasound.cine import write_gif, write_sequence
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
-from ..ultrasound.organs import LARGEST_ORGAN, read_organ_names, scene_from_organs
+from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs, read_organ_names
+from ..ultrasound.phantom import LARGEST_LABEL, Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
-from ..ultrasound.scene import LARGEST_LABEL, Scene
-from ..ultrasound.synthesis import Display, Ultrasound
+from ..ultrasound.synthesis import Display, Scanner
 from . import _folds, _limits, _points
 from ._progress import track
 
@@ -53,7 +53,7 @@ _LIMITS: _limits.Limits = {
 
 View = Callable[[GridField | None, Needle | None, int], Frame]
 
-HELP = "render the ultrasound image of a scene, or cut a real volume, before and after a needle"
+HELP = "render the ultrasound image of a phantom, or cut a real volume, before and after a needle"
 EXAMPLES = """examples:
   sonospline image --out out                                        # the kidney phantom, needle in a calyx
   sonospline image --probe linear --depth 50 --origin 110,50,0.3 --out out
@@ -166,17 +166,17 @@ def _volume(args: argparse.Namespace) -> Sight:
 
 
 def _rendered(args: argparse.Namespace) -> Sight:
-    """A scene under a probe."""
+    """A phantom under a probe."""
     settings = {"frequency_mhz": args.frequency, "depth_mm": args.depth}
     probe = PROBES[args.probe](**{name: value for name, value in settings.items() if value is not None})
     needle = _given_needle(args)
     if args.labels is None:
-        phantom = kidney_phantom(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
-        scene, grid, pose = phantom.scene, phantom.grid(args.nodes), phantom.probe_pose
-        needle = phantom.needle if needle is None else needle
+        kidney = kidney_phantom(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
+        phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_pose
+        needle = kidney.needle if needle is None else needle
     else:
-        scene = _scene(args)
-        lattice = scene.labels.lattice
+        phantom = _scene(args)
+        lattice = phantom.labels.lattice
         grid = Grid.covering(lattice.extent, nodes=args.nodes, origin=lattice.origin, direction=lattice.direction)
         if args.origin is None:
             raise ValueError("--origin is missing; give the middle of the probe's face, X,Y,Z (RAS mm)")
@@ -184,21 +184,21 @@ def _rendered(args: argparse.Namespace) -> Sight:
         look, right = _direction(args, "look", "0,0,1"), _direction(args, "right", "1,0,0")
         pose = facing(_points.parse("origin", args.origin), depth=look, right=right)
     display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range)
-    scanner = Ultrasound(scene, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
+    scanner = Scanner(phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
     return Sight(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
 
 
-def _scene(args: argparse.Namespace) -> Scene:
+def _scene(args: argparse.Namespace) -> Phantom:
     if (args.table is None) == (args.names is None):
         raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
     if args.table is not None:
         labels, table = read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table)
         with labels_named(args.labels):
-            return Scene(labels, table)
+            return Phantom(labels, table)
     labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_organ_names(args.names)
     ct = None if args.ct is None else read_volume(args.ct, name="ct")
     with labels_named(args.labels):
-        return scene_from_organs(labels, names, ct=ct)
+        return phantom_from_organs(labels, names, ct=ct)
 
 
 def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, Any]:

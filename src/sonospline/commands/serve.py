@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         {"port": _limits.Whole(0, 65_535), "sessions": _limits.Whole(1, 1000), "idle": _limits.Real(1e-3, 1e6)},
     )
     server = Server(
-        _library(args), host=args.host, port=args.port, token=args.token, sessions=args.sessions,
+        _catalog(args), host=args.host, port=args.port, token=args.token, sessions=args.sessions,
         idle_s=60 * args.idle,
     )  # fmt: skip
 
@@ -73,9 +73,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         code = end.code
         raise
     finally:
-        if not server.library.close(within_s=0.0):
+        if not server.catalog.close(within_s=0.0):
             atexit.register(_leave, code)
-    return {"address": server.address, "scene": server.library.first}
+    return {"address": server.address, "scene": server.catalog.first}
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
@@ -90,8 +90,8 @@ def _leave(code: int) -> None:
     os._exit(code)
 
 
-def _library(args: argparse.Namespace) -> Any:
-    from ..server.scene_catalog import Entry, Library
+def _catalog(args: argparse.Namespace) -> Any:
+    from ..server.scene_catalog import Entry, SceneCatalog
     from ..simulator.scene_file import SHIPPED, SceneFile
 
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]
@@ -102,13 +102,13 @@ def _library(args: argparse.Namespace) -> Any:
             raise ValueError(f"--{name.replace('_', '-')} belongs to --labels or --volume; a scene file says it itself")
     if args.labels is not None or args.volume is not None:
         path = args.labels or args.volume
-        return Library({"own": Entry(_own(args, path), path.parent)})
+        return SceneCatalog({"own": Entry(_own(args, path), path.parent)})
     if args.scene is None or args.scene in SHIPPED:
-        return Library(first=args.scene or SHIPPED[0])
+        return SceneCatalog(first=args.scene or SHIPPED[0])
     path = Path(args.scene)
     if path.suffix != ".toml":
         raise ValueError(f"--scene = {args.scene!r} is not known; give {', '.join(SHIPPED)}, or a .toml file")
-    return Library({path.stem: Entry(SceneFile.read(path), path.parent)}, first=path.stem)
+    return SceneCatalog({path.stem: Entry(SceneFile.read(path), path.parent)}, first=path.stem)
 
 
 def _own(args: argparse.Namespace, path: Path) -> Any:

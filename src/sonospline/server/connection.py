@@ -19,7 +19,7 @@ from .flow import FrameFlow
 from .messages import MessageError
 from .outbox import Outbox
 from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
-from .scene_catalog import Library
+from .scene_catalog import SceneCatalog
 from .session_pool import Kept
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _POLL_S = 0.005
-MOST_COMMANDS = 240
-"""Commands that may wait for a page that draws no frames."""
+MOST_ACTIONS = 240
+"""Actions that may wait for a page that draws no frames."""
 POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
 
@@ -49,7 +49,7 @@ class Connection:
 
     Parameters
     ----------
-    library : Library
+    catalog : SceneCatalog
         Scenes.
     outbox : Outbox
         Where messages to the client go, in order.
@@ -57,8 +57,8 @@ class Connection:
         What the session can be asked back by.
     """
 
-    def __init__(self, library: Library, outbox: Outbox, key: str = "") -> None:
-        self._library, self._outbox, self.key = library, outbox, key
+    def __init__(self, catalog: SceneCatalog, outbox: Outbox, key: str = "") -> None:
+        self._catalog, self._outbox, self.key = catalog, outbox, key
         self._loop = asyncio.get_running_loop()
         self._runner: Runner | None = None
         self._session: Session | None = None
@@ -75,9 +75,9 @@ class Connection:
 
     def open(self, kept: Kept | None = None) -> None:
         """Greet the client; go on with a session that was kept for it, or load the first scene."""
-        self._tell(self._library.hello(self.key, resumed=kept is not None))
+        self._tell(self._catalog.hello(self.key, resumed=kept is not None))
         if kept is None:
-            self._load(self._library.first)
+            self._load(self._catalog.first)
         else:
             self._start(kept.scene, kept.session)
 
@@ -92,7 +92,7 @@ class Connection:
         await self._end()
         over = self.verdict.done() and self.verdict.result().code != TAKEN_OVER
         if session is None or over:
-            self._library.tidy()
+            self._catalog.release_memory()
             return None
         session.pause()
         return Kept(self._scene, session)
@@ -132,20 +132,20 @@ class Connection:
                 self._state(message)
             case messages.View():
                 self._flow.view(message.grid, message.ahead)
-                self._command(_look_again)
+                self._act(_look_again)
             case messages.Model():
                 self._switch(message.model)
             case messages.Target():
                 self._aim(message.id)
             case messages.UndoPass():
-                self._command(methodcaller("undo_pass"))
+                self._act(methodcaller("undo_pass"))
             case messages.Reset():
-                self._command(methodcaller("reset"))
+                self._act(methodcaller("reset"))
             case messages.Restore():
-                self._command(methodcaller("restore"))
+                self._act(methodcaller("restore"))
             case messages.ChooseScene():
-                if message.id not in self._library.scenes:
-                    known = ", ".join(self._library.scenes)
+                if message.id not in self._catalog.scenes:
+                    known = ", ".join(self._catalog.scenes)
                     raise MessageError("scene", f"id = {message.id[:40]!r} is not known; choose one of {known}")
                 self._load(message.id)
             case messages.OpenScene():
@@ -156,31 +156,31 @@ class Connection:
             raise MessageError("state", f"seq = {message.seq} is out of order; give more than {self._seq}", message.seq)
         session, runner = self._ready("state", message.seq)
         try:
-            session.world.limits.check(message.wish)
+            session.scene.limits.check(message.command)
         except ValueError as error:
             raise MessageError("state", str(error), message.seq) from None
         self._seq = message.seq
-        runner.ask(message.wish, message.seq)
+        runner.ask(message.command, message.seq)
 
     def _switch(self, model: str) -> None:
         if model not in MODELS:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(MODELS)}")
-        self._command(lambda session: session.switch(model))
+        self._act(lambda session: session.switch(model))
         self._tell({"type": "model", "model": model})
 
     def _aim(self, target: str) -> None:
         session, _ = self._ready("target")
-        targets = session.world.targets
+        targets = session.scene.targets
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
-        self._command(lambda session: session.choose_target(target))
+        self._act(lambda session: session.choose_target(target))
         self._tell({"type": "target", "id": target})
 
-    def _command(self, command: Callable[[Session], None]) -> None:
+    def _act(self, action: Callable[[Session], None]) -> None:
         _, runner = self._ready("message")
-        if runner.waiting >= MOST_COMMANDS:
-            raise MessageError("message", f"comes after {MOST_COMMANDS} that wait; say which frames were drawn")
-        runner.do(command)
+        if runner.waiting >= MOST_ACTIONS:
+            raise MessageError("message", f"comes after {MOST_ACTIONS} that wait; say which frames were drawn")
+        runner.do(action)
 
     def _ready(self, what: str, seq: int | None = None) -> tuple[Session, Runner]:
         if self._session is None or self._runner is None:
@@ -190,18 +190,18 @@ class Connection:
     def _load(self, name: str, text: str | None = None) -> None:
         if self._loading is not None and not self._loading.done():
             raise MessageError("scene", "came while another one is loading; wait for it")
-        self._tell({"type": "loading", "scene": name, "name": self._library.title(name), "share": 0.0})
+        self._tell({"type": "loading", "scene": name, "name": self._catalog.title(name), "share": 0.0})
         self._loading = self._loop.create_task(self._bring(name, text))
 
     async def _bring(self, name: str, text: str | None) -> None:
         """Make a session of a scene and let it take the place of the present one; where that fails, that stays."""
 
         def progress(share: float) -> None:
-            self._from_thread({"type": "loading", "scene": name, "name": self._library.title(name), "share": share})
+            self._from_thread({"type": "loading", "scene": name, "name": self._catalog.title(name), "share": share})
 
         file = name if text is not None else None
         try:
-            session = await asyncio.wrap_future(self._library.order(name, text, progress, lambda: not self._closed))
+            session = await asyncio.wrap_future(self._catalog.order(name, text, progress, lambda: not self._closed))
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -211,7 +211,7 @@ class Connection:
             self._refuse("scene", f"could not be made ({error})", file=file)
         else:
             await self._end()
-            self._library.tidy()
+            self._catalog.release_memory()
             self._start(name, session)
 
     async def _end(self) -> None:
@@ -231,7 +231,7 @@ class Connection:
 
     def _deliver(self, session: Session, shot: Shot, stamp: Stamp) -> None:
         """Encode a frame; in the session's thread."""
-        self._call(self._put, self._flow.encode(session.world, shot, stamp))
+        self._call(self._put, self._flow.encode(session.scene, shot, stamp))
         if self._flow.at_first:  # nothing shall keep the first picture waiting
             self._call(self._show, session)
 
@@ -239,16 +239,16 @@ class Connection:
         self._showing = self._loop.create_task(self._bring_meshes(session))
 
     async def _bring_meshes(self, session: Session) -> None:
-        world = session.world
+        scene = session.scene
         try:
-            geometry = await asyncio.wrap_future(self._library.geometry(session, lambda: self._session is session))
+            geometry = await asyncio.wrap_future(self._catalog.geometry(session, lambda: self._session is session))
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
             self._complain(f"the 3-D view has no surfaces: {error}")
             return
         if self._session is session and self._runner is not None:
             self._put(geometry)
-            self._flow.show(world)
+            self._flow.show(scene)
             self._runner.do(_look_again)  # where nothing moves, the positions come by one more frame
 
     def _complain(self, line: str) -> None:

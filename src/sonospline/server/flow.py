@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..simulator.runner import Stamp
+    from ..simulator.scene import Scene
     from ..simulator.session import Session
     from ..simulator.shot import Shot
-    from ..simulator.world import World
 
 MESH_HZ = 15.0
 
@@ -33,7 +33,7 @@ class FrameFlow:
         self._grid_wanted, self._ahead = False, 1
         self._sent_field: object = None
         self._sent_grid = False
-        self._shown: World | None = None
+        self._shown: Scene | None = None
         self._mesh_at = -1.0
 
     def begin(self, session: Session) -> None:
@@ -65,9 +65,9 @@ class FrameFlow:
         while self._flying and self._flying[0] <= frame:
             self._flying.popleft()
 
-    def encode(self, world: World, shot: Shot, stamp: Stamp) -> bytes:
+    def encode(self, scene: Scene, shot: Shot, stamp: Stamp) -> bytes:
         """Return the message of a picture."""
-        positions = self._positions(world, shot)
+        positions = self._positions(scene, shot)
         self._frames += 1
         self._flying.append(self._frames)
         return wire.frame(
@@ -80,17 +80,17 @@ class FrameFlow:
         """Whether the newest frame is the first of its scene."""
         return self._frames == self._of_older_scenes + 1
 
-    def show(self, world: World) -> None:
+    def show(self, scene: Scene) -> None:
         """Have positions sent from now on: the page knows the meshes."""
-        self._shown = world
+        self._shown = scene
 
-    def _positions(self, world: World, shot: Shot) -> NDArray[np.float32] | None:
+    def _positions(self, scene: Scene, shot: Shot) -> NDArray[np.float32] | None:
         """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
-        if world is not self._shown:
+        if scene is not self._shown:
             return None
         now = time.monotonic()
         changed = shot.field is not self._sent_field or self._grid_wanted != self._sent_grid
         if not changed or now - self._mesh_at < 1 / MESH_HZ:
             return None
         self._sent_field, self._mesh_at, self._sent_grid = shot.field, now, self._grid_wanted
-        return world.deformed(shot.field, grid=self._grid_wanted)
+        return scene.deformed(shot.field, grid=self._grid_wanted)

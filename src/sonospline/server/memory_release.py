@@ -6,7 +6,7 @@ import ctypes
 import gc
 
 
-def tidy() -> None:
+def release_memory() -> None:
     """Collect what is unreachable, and have the C library return free pages where it can.
 
     Each session works in a thread of its own, and the memory of threads that ended stays with the process until

@@ -8,7 +8,7 @@ from typing import Any
 
 from .._shown import shown
 from ..simulator._fields import FieldError, read, told
-from ..simulator.wish import ImageWish, NeedleWish, ProbeWish, Wish
+from ..simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 
 LONGEST = 64 * 1024
 MOST_SEQ = 2**53
@@ -25,18 +25,18 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """The whole wish, absolute."""
+    """The whole command, absolute."""
 
     seq: int = told("number, larger than the last", low=0, high=MOST_SEQ)
-    needle: NeedleWish = told("needle")
-    probe: ProbeWish = told("probe")
-    image: ImageWish = told("image")
+    needle: NeedleCommand = told("needle")
+    probe: ProbeCommand = told("probe")
+    image: ImageSettings = told("image")
     frozen: bool = told("freeze")
 
     @property
-    def wish(self) -> Wish:
-        """The wish in it."""
-        return Wish(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
+    def command(self) -> Command:
+        """The command in it."""
+        return Command(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..simulator.scene_file import SHIPPED, SceneFile
 from . import wire
-from .memory_release import tidy
+from .memory_release import release_memory
 from .worker import Worker
 
 if TYPE_CHECKING:
+    from ..simulator.scene import Scene
     from ..simulator.session import Session
-    from ..simulator.world import World
 
 Progress = Callable[[float], None]
 Wanted = Callable[[], bool]
@@ -40,7 +40,7 @@ class Entry:
     folder: Path
 
 
-class Library:
+class SceneCatalog:
     """Scenes by their id.
 
     Parameters
@@ -55,14 +55,14 @@ class Library:
         shipped = {name: Entry(SceneFile.shipped(name), Path()) for name in SHIPPED}
         self.scenes: dict[str, Entry] = {**(own or {}), **{k: v for k, v in shipped.items() if k not in (own or {})}}
         self.first = next(iter(self.scenes)) if first is None else first
-        self._worlds: OrderedDict[str, World] = OrderedDict()
+        self._made: OrderedDict[str, Scene] = OrderedDict()
         self._prepared: Session | None = None
         self._waiting: list[Progress] = []
         # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
         # page brings along may take long, and holds up nobody who wants a scene on offer.
         self._offered, self._brought = Worker("sonospline-scenes"), Worker("sonospline-brought-scenes")
-        self._tidying: Future[None] | None = None
-        self._brought_worlds: weakref.WeakSet[World] = weakref.WeakSet()
+        self._releasing: Future[None] | None = None
+        self._brought_scenes: weakref.WeakSet[Scene] = weakref.WeakSet()
 
     def hello(self, key: str, *, resumed: bool) -> dict[str, Any]:
         """Return the greeting of a session, with the key it can be asked back by."""
@@ -108,18 +108,18 @@ class Library:
 
     def geometry(self, session: Session, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
-        world = session.world
-        worker = self._brought if world in self._brought_worlds else self._offered
-        made = worker.submit(wire.geometry, world)
-        for preparation in (session.warm_up, world.prepare):
+        scene = session.scene
+        worker = self._brought if scene in self._brought_scenes else self._offered
+        made = worker.submit(wire.geometry, scene)
+        for preparation in (session.warm_up, scene.prepare):
             worker.submit(_if_wanted, wanted, preparation)
         return made
 
-    def tidy(self) -> None:
+    def release_memory(self) -> None:
         """Give back the memory of sessions that ended, in a thread that makes scenes."""
-        if self._tidying is None or self._tidying.done():
+        if self._releasing is None or self._releasing.done():
             with contextlib.suppress(RuntimeError):  # closed: the process ends anyway
-                self._tidying = self._offered.submit(tidy)
+                self._releasing = self._offered.submit(release_memory)
 
     def close(self, within_s: float = 2.0) -> bool:
         """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
@@ -129,7 +129,7 @@ class Library:
 
     def _prepare(self) -> None:
         try:
-            self._prepared = _session(self._world(self.first, self._pass_on), self._pass_on)
+            self._prepared = _session(self._scene(self.first, self._pass_on), self._pass_on)
         except Exception as error:  # the first page is told why, when it asks
             logger.warning("scene %s could not be made: %s", self.first, error)
 
@@ -142,21 +142,21 @@ class Library:
         if name == self.first and self._prepared is not None:
             prepared, self._prepared = self._prepared, None
             return prepared
-        return _session(self._world(name, progress), progress)
+        return _session(self._scene(name, progress), progress)
 
-    def _world(self, name: str, progress: Progress) -> World:
-        from ..simulator.world import World
+    def _scene(self, name: str, progress: Progress) -> Scene:
+        from ..simulator.scene import Scene
 
-        if name not in self._worlds:
+        if name not in self._made:
             entry = self.scenes[name]
-            self._worlds[name] = World.make(entry.spec, folder=entry.folder, progress=progress)
-        self._worlds.move_to_end(name)
-        while len(self._worlds) > _KEPT:
-            self._worlds.popitem(last=False)
-        return self._worlds[name]
+            self._made[name] = Scene.make(entry.spec, folder=entry.folder, progress=progress)
+        self._made.move_to_end(name)
+        while len(self._made) > _KEPT:
+            self._made.popitem(last=False)
+        return self._made[name]
 
     def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
-        from ..simulator.world import World
+        from ..simulator.scene import Scene
         from .file_access import refuse_elsewhere
 
         def go_on(share: float) -> None:
@@ -167,9 +167,9 @@ class Library:
         go_on(0.0)
         spec = SceneFile.parse(text, file=name)
         refuse_elsewhere(spec)
-        world = World.make(spec, progress=go_on)
-        self._brought_worlds.add(world)
-        return _session(world, go_on)
+        scene = Scene.make(spec, progress=go_on)
+        self._brought_scenes.add(scene)
+        return _session(scene, go_on)
 
 
 class DroppedError(Exception):
@@ -181,10 +181,10 @@ def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
         preparation()
 
 
-def _session(world: World, progress: Progress) -> Session:
+def _session(scene: Scene, progress: Progress) -> Session:
     from ..simulator.session import Session  # here, so that the page can be opened before it is loaded
 
-    session = Session(world)
+    session = Session(scene)
     session.step()
     progress(1.0)
     return session

@@ -22,7 +22,7 @@ from .guard import Guard
 from .messages import LONGEST
 from .outbox import Outbox
 from .protocols import http_protocol, websocket_protocol
-from .scene_catalog import Library
+from .scene_catalog import SceneCatalog
 from .session_pool import Kept, SessionPool, new_key
 
 logger = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class Server:
 
     Parameters
     ----------
-    library : Library
+    catalog : SceneCatalog
         The scenes on offer.
     host, port : str, int
         Where to listen; port 0 takes a free one.
@@ -68,7 +68,7 @@ class Server:
 
     def __init__(
         self,
-        library: Library,
+        catalog: SceneCatalog,
         *,
         host: str = "127.0.0.1",
         port: int = 8765,
@@ -83,8 +83,8 @@ class Server:
         self.socket = _listen(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self.guard = Guard(host, self.port, token)
-        self.library, self.idle_s = library, idle_s
-        self.pool = SessionPool(sessions, library.tidy)
+        self.catalog, self.idle_s = catalog, idle_s
+        self.pool = SessionPool(sessions, catalog.release_memory)
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
                 AccessMiddleware(self._application(), self.guard, self.limits.requested),
@@ -152,12 +152,12 @@ class Server:
 
     @asynccontextmanager
     async def _life(self, app: Any) -> AsyncIterator[None]:
-        self.library.prepare()
+        self.catalog.prepare()
         watch = asyncio.create_task(self._tell_when_listening())
         yield
         watch.cancel()
         self.pool.clear()
-        await asyncio.to_thread(self.library.close)
+        await asyncio.to_thread(self.catalog.close)
 
     async def _tell_when_listening(self) -> None:
         while not self._server.started:
@@ -178,7 +178,7 @@ class Server:
             return
         transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
-        connection = Connection(self.library, outbox, new_key() if kept is None else key)
+        connection = Connection(self.catalog, outbox, new_key() if kept is None else key)
         self.pool.add(connection.key, connection)
         try:
             connection.open(kept)

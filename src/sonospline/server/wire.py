@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..simulator.command import Command, Limits
 from ..simulator.scene_file import MODELS
-from ..simulator.wish import Limits, Wish
 from .session_pool import KEPT_S
 
 if TYPE_CHECKING:
+    from ..simulator.scene import Scene
     from ..simulator.session import Session
     from ..simulator.shot import Shot
     from ..simulator.surfaces import Mesh
-    from ..simulator.world import World
 
 PROTOCOL = 1
 FRAME, GEOMETRY = 1, 2
@@ -34,9 +34,9 @@ def hello(version: str, scenes: list[dict[str, str]], scene: str, key: str, *, r
 
 def scene(name: str, session: Session) -> dict[str, Any]:
     """Return what a page has to know of a scene before its first frame."""
-    world = session.world
-    probe, spec = world.probe, world.spec
-    low, high = world.box
+    scene = session.scene
+    probe, spec = scene.probe, scene.spec
+    low, high = scene.box
     shown = {
         "name": spec.probe.name, "kind": probe.kind, "radius_mm": probe.radius_mm, "aperture_mm": probe.aperture_mm,
         "field_of_view_deg": float(np.degrees(2 * probe.half_angle)),
@@ -44,29 +44,29 @@ def scene(name: str, session: Session) -> dict[str, Any]:
     return {
         "type": "scene", "id": name, "name": spec.name, "description": spec.description,
         "frame": {
-            "right": world.frame.right.tolist(), "depth": world.frame.depth.tolist(), "out": world.frame.out.tolist(),
-            "skin_origin": world.frame.origin.tolist(),
+            "right": scene.frame.right.tolist(), "depth": scene.frame.depth.tolist(), "out": scene.frame.out.tolist(),
+            "skin_origin": scene.frame.origin.tolist(),
         },
         "box": {"low": low.tolist(), "high": high.tolist()},
         "models": [{"id": key, "name": text, "available": True, "reason": None} for key, text in MODELS.items()],
         "model": session.model,
         "probe": shown,
-        "needle": {"length_mm": spec.needle.length_mm, "diameter_mm": world.needle_diameter_mm},
-        "targets": [{"id": key, "name": key.capitalize(), "rest": at.tolist()} for key, at in world.targets.items()],
+        "needle": {"length_mm": spec.needle.length_mm, "diameter_mm": scene.needle_diameter_mm},
+        "targets": [{"id": key, "name": key.capitalize(), "rest": at.tolist()} for key, at in scene.targets.items()],
         "target": session.target,
         "tolerance_mm": spec.display.tolerance_mm,
         "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
-        "limits": _limits(world.limits),
-        "state": session.wish.told,
-        "start": world.start.told,
+        "limits": _limits(scene.limits),
+        "state": session.command.told,
+        "start": scene.start.told,
     }  # fmt: skip
 
 
-def geometry(world: World) -> bytes:
+def geometry(scene: Scene) -> bytes:
     """Return message kind 2: how every mesh looks, its rest positions and connectivity."""
-    header = {"meshes": [_about(mesh) for mesh in world.meshes]}
+    header = {"meshes": [_about(mesh) for mesh in scene.meshes]}
     parts: list[NDArray[Any]] = []
-    for mesh in world.meshes:
+    for mesh in scene.meshes:
         parts += [mesh.points.astype("<f4"), mesh.indices.astype("<u4")]
     return _message(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
 
@@ -76,23 +76,23 @@ def frame(shot: Shot, *, number: int, seq: int, positions: NDArray[np.float32] |
     """Return message kind 1: the picture, the state it shows, and positions of the meshes where they changed."""
     pixels = np.ascontiguousarray(shot.image.pixels, np.uint8)
     rows, columns = pixels.shape
-    figures = shot.figures
+    metrics = shot.metrics
     header = {
         "frame": number, "seq": seq, "rows": rows, "columns": columns, "pixel": list(shot.image.plane.spacing_mm),
         "image_to_reference": shot.image_to_reference.ravel().tolist(),
         "probe_to_reference": np.asarray(shot.probe_to_reference).ravel().tolist(),
-        "state": shot.wish.told,
+        "state": shot.command.told,
         "blocked": shot.blocked,
         "needle": {"entry": shot.entry.tolist(), "tip": shot.tip.tolist(), "direction": shot.direction.tolist()},
         "target": {"id": shot.target, "now": shot.target_now.tolist(), "rest": shot.target_rest.tolist()},
         "readouts": vars(shot.readouts),
         "pass": {
-            "time_s": figures.time_s, "passes": figures.passes, "tip_path_mm": figures.tip_path_mm,
-            "max_off_plane_mm": figures.max_off_plane_mm,
+            "time_s": metrics.time_s, "passes": metrics.passes, "tip_path_mm": metrics.tip_path_mm,
+            "max_off_plane_mm": metrics.max_off_plane_mm,
         },
         "model": shot.model, "noise": shot.number,
         "server_ms": round(server_ms, 3), "step_ms": round(shot.step_ms, 3), "render_ms": round(shot.render_ms, 3),
-        "frozen": shot.wish.frozen, "mesh": 0 if positions is None else len(positions), "grid": grid,
+        "frozen": shot.command.frozen, "mesh": 0 if positions is None else len(positions), "grid": grid,
     }  # fmt: skip
     padding = b"\0" * (-pixels.size % 4)
     tail = b"" if positions is None else positions.astype("<f4", copy=False).tobytes()
@@ -128,6 +128,6 @@ def _limits(limits: Limits) -> dict[str, Any]:
     return {part: {key: list(pair) for key, pair in getattr(limits, part).items()} for part in vars(limits)}
 
 
-def state_text(wish: Wish, seq: int) -> str:
+def state_text(command: Command, seq: int) -> str:
     """Return a client's state message; for clients written in Python."""
-    return json.dumps({"type": "state", "seq": seq, **wish.told})
+    return json.dumps({"type": "state", "seq": seq, **command.told})

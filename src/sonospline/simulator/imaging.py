@@ -14,11 +14,11 @@ from ..geometry.plane import ImagePlane
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
 from ..ultrasound.optics import picture_plane
+from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer
-from ..ultrasound.scene import Scene
-from ..ultrasound.synthesis import Display, Ultrasound
-from .wish import ImageWish
+from ..ultrasound.synthesis import Display, Scanner
+from .command import ImageSettings
 
 Array = NDArray[np.float64]
 
@@ -52,26 +52,24 @@ class Imager(ABC):
 class SyntheticImager(Imager):
     """B-mode of a label map."""
 
-    def __init__(self, scanner: Ultrasound) -> None:
+    def __init__(self, scanner: Scanner) -> None:
         self._scanner = scanner
         self._base = scanner.display.gain_db
         self.probe, self.probe_to_reference = scanner.probe, scanner.image_to_reference
 
     @classmethod
     def of(
-        cls, scene: Scene, probe: Probe, probe_to_reference: Array, *, display: Display, echo: NeedleEcho
+        cls, phantom: Phantom, probe: Probe, probe_to_reference: Array, *, display: Display, echo: NeedleEcho
     ) -> SyntheticImager:
-        """Return the imager of a scene."""
-        return cls(
-            Ultrasound(scene, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM)
-        )
+        """Return the imager of a phantom."""
+        return cls(Scanner(phantom, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM))
 
     def aimed(self, probe: Probe, probe_to_reference: Array) -> SyntheticImager:
         old = self._scanner.with_display(gain_db=self._base)
         if probe == self.probe:
             return SyntheticImager(old.moved(probe_to_reference))
         return SyntheticImager.of(
-            old.scene, probe, probe_to_reference, display=old.display, echo=old.needle_echo
+            old.phantom, probe, probe_to_reference, display=old.display, echo=old.needle_echo
         )  # fmt: skip
 
     def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
@@ -126,12 +124,16 @@ def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, d
     window += bright * np.maximum(250 - window, 0)
 
 
-def tuned(probe: Probe, wish: ImageWish) -> Probe:
-    """Return a probe with its knobs where a wish has them, sampled finely enough for its pulse."""
-    if (wish.depth, wish.frequency, wish.focus) == (probe.depth_mm, probe.frequency_mhz, probe.elevation_focus_mm):
+def tuned(probe: Probe, settings: ImageSettings) -> Probe:
+    """Return a probe with its knobs where a settings has them, sampled finely enough for its pulse."""
+    if (settings.depth, settings.frequency, settings.focus) == (
+        probe.depth_mm,
+        probe.frequency_mhz,
+        probe.elevation_focus_mm,
+    ):
         return probe
     return probe.tuned(
-        frequency_mhz=wish.frequency, depth_mm=wish.depth, elevation_focus_mm=wish.focus
+        frequency_mhz=settings.frequency, depth_mm=settings.depth, elevation_focus_mm=settings.focus
     )  # fmt: skip
 
 

@@ -7,23 +7,23 @@ from ..mechanics.material import Material
 from ..models.elastic import ElasticInsertion
 from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
 from ..models.spline.insertion import Insertion, NeedleInsertion
-from .world import World
+from .scene import Scene
 
 SETTLED = 5e-4
 """Error estimate, relative to the field, at which elastic tissue has come to rest."""
 
 
-def make(name: str, world: World) -> NeedleInsertion:
+def make(name: str, scene: Scene) -> NeedleInsertion:
     """Return a model's insertion into a scene's tissue."""
-    part, tissue = world.spec.model, world.tissue
+    part, tissue = scene.spec.model, scene.tissue
     if name == "paper":
         return Insertion(tissue)
     if name == "kelvinlet":
         drag = DragModel.kelvinlet(tissue.grid.side, drag=part.drag_mm, poissons_ratio=part.poissons_ratio)
         return KelvinletInsertion(tissue, drag)
-    if world.tissues is not None:
-        return ElasticInsertion(tissue, world.tissues, nodes=part.solver_nodes)
-    material = Material(world.spec.tissue.stiffness_kpa, part.poissons_ratio)
+    if scene.tissues is not None:
+        return ElasticInsertion(tissue, scene.tissues, nodes=part.solver_nodes)
+    material = Material(scene.spec.tissue.stiffness_kpa, part.poissons_ratio)
     width = LineForce().width * tissue.grid.side
     load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=width)
     return ElasticInsertion(tissue, material, load, nodes=part.solver_nodes)

@@ -11,17 +11,17 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PassFigures:
+class PassMetrics:
     """Figures of the present pass, or the last one; never changed, each frame makes the next.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.simulator.pass_metrics import PassFigures
-    >>> figures = PassFigures().entered(10.0)
+    >>> from sonospline.simulator.pass_metrics import PassMetrics
+    >>> metrics = PassMetrics().entered(10.0)
     >>> for k in range(3):
-    ...     figures = figures.moved(np.array([0.0, 0, k]), out_of_plane=-0.5, now=11.0 + k)
-    >>> figures.passes, figures.tip_path_mm, figures.max_off_plane_mm, figures.time_s
+    ...     metrics = metrics.moved(np.array([0.0, 0, k]), out_of_plane=-0.5, now=11.0 + k)
+    >>> metrics.passes, metrics.tip_path_mm, metrics.max_off_plane_mm, metrics.time_s
     (1, 2.0, 0.5, 3.0)
     """
 
@@ -32,18 +32,18 @@ class PassFigures:
     began: float = 0.0
     tip: Array | None = None
 
-    def entered(self, now: float) -> PassFigures:
-        """Return the figures of a new pass."""
-        return PassFigures(passes=self.passes + 1, began=now)
+    def entered(self, now: float) -> PassMetrics:
+        """Return the metrics of a new pass."""
+        return PassMetrics(passes=self.passes + 1, began=now)
 
-    def moved(self, tip: Array, out_of_plane: float, now: float) -> PassFigures:
-        """Return the figures with the tip at a place inside the tissue."""
+    def moved(self, tip: Array, out_of_plane: float, now: float) -> PassMetrics:
+        """Return the metrics with the tip at a place inside the tissue."""
         step = 0.0 if self.tip is None else float(np.linalg.norm(tip - self.tip))
         return replace(
             self, tip=tip, time_s=now - self.began, tip_path_mm=self.tip_path_mm + step,
             max_off_plane_mm=max(self.max_off_plane_mm, abs(out_of_plane)),
         )  # fmt: skip
 
-    def later(self, seconds: float) -> PassFigures:
-        """Return the figures as if the pass had begun later: time that was frozen does not count."""
+    def later(self, seconds: float) -> PassMetrics:
+        """Return the metrics as if the pass had begun later: time that was frozen does not count."""
         return replace(self, began=self.began + seconds)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.kidney import BOX_MM, LABELS, kidney_phantom
-from ..ultrasound.scene import Scene
+from ..ultrasound.phantom import Phantom
 
 Array = NDArray[np.float64]
 
@@ -19,14 +19,14 @@ _VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12}
 _CUBE_MM = 100.0
 _SHEETS_MM, _SHEET_MM = 20.0, 0.6
 _BESIDE_MM = 60.0
-"""Of the cube's acoustic scene beyond its pinned sides, where nothing moves: the fan is wider than the cube."""
+"""Of the cube's acoustic phantom beyond its pinned sides, where nothing moves: the fan is wider than the cube."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Phantom:
+class GeneratedTissue:
     """A generated tissue."""
 
-    scene: Scene
+    phantom: Phantom
     names: dict[int, str]
     """Names of the labels, which materials and surfaces go by."""
     box: tuple[Array, Array]
@@ -36,13 +36,15 @@ class Phantom:
     """Whether the labels are for the eye alone: one stiffness everywhere."""
 
 
-def kidney(voxel_mm: float) -> Phantom:
+def kidney(voxel_mm: float) -> GeneratedTissue:
     """Return the kidney of :func:`~sonospline.ultrasound.kidney_phantom`."""
     found = kidney_phantom(spacing_mm=voxel_mm, kept=True)
-    return Phantom(scene=found.scene, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets)
+    return GeneratedTissue(
+        phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets
+    )
 
 
-def gel_block(voxel_mm: float) -> Phantom:
+def gel_block(voxel_mm: float) -> GeneratedTissue:
     """Return a block of tissue-mimicking gel that a vessel crosses, a little aslant."""
     labels = _blank(_GEL_BLOCK_MM, voxel_mm)
     x, y, z = _axes(labels, voxel_mm)
@@ -52,12 +54,14 @@ def gel_block(voxel_mm: float) -> Phantom:
     labels[apart < _VESSEL["radius"]] = 1
     names = {0: "phantom gel", 1: "blood", 2: "vessel wall"}
     speckle = _like("liver", "phantom gel", backscatter_db=-3.0)
-    scene = Scene(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})  # type: ignore[dict-item]
+    phantom = Phantom(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})  # type: ignore[dict-item]
     centre = np.array([_GEL_BLOCK_MM[0] / 2, _GEL_BLOCK_MM[1] / 2, _VESSEL["depth"]])
-    return Phantom(scene=scene, names=names, box=(np.zeros(3), np.array(_GEL_BLOCK_MM)), targets={"vessel": centre})
+    return GeneratedTissue(
+        phantom=phantom, names=names, box=(np.zeros(3), np.array(_GEL_BLOCK_MM)), targets={"vessel": centre}
+    )
 
 
-def cube(voxel_mm: float) -> Phantom:
+def cube(voxel_mm: float) -> GeneratedTissue:
     """Return the paper's cube at 100 mm a side, with thin sheets to see it deform by."""
     wide = (_CUBE_MM, _CUBE_MM + 2 * _BESIDE_MM, _CUBE_MM)
     labels = _blank(wide, voxel_mm)
@@ -65,10 +69,10 @@ def cube(voxel_mm: float) -> Phantom:
         off = np.abs((place - axis * _BESIDE_MM + _SHEETS_MM / 2) % _SHEETS_MM - _SHEETS_MM / 2)
         labels[np.broadcast_to((off <= _SHEET_MM / 2) & (place > 1), labels.shape)] = 1
     tissues = {0: _like("liver", "tissue"), 1: _like("liver", "sheet", backscatter_db=14.0)}
-    scene = Scene(_volume(labels, voxel_mm, origin=(0, -_BESIDE_MM, 0)), tissues)
+    phantom = Phantom(_volume(labels, voxel_mm, origin=(0, -_BESIDE_MM, 0)), tissues)
     target = np.array([0.6, 0.5, 0.5]) * _CUBE_MM
-    return Phantom(
-        scene=scene, names={0: "tissue", 1: "sheet"}, box=(np.zeros(3), np.full(3, _CUBE_MM)),
+    return GeneratedTissue(
+        phantom=phantom, names={0: "tissue", 1: "sheet"}, box=(np.zeros(3), np.full(3, _CUBE_MM)),
         targets={"end of the path": target}, homogeneous=True,
     )  # fmt: skip
 

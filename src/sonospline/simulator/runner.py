@@ -1,4 +1,4 @@
-"""A session in a thread of its own, at a steady rate: the newest wish wins."""
+"""A session in a thread of its own, at a steady rate: the newest command wins."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .arrival_clock import Rhythm
-from .wish import Wish
+from .arrival_clock import ArrivalClock
+from .command import Command
 
 if TYPE_CHECKING:
     from .session import Session
@@ -47,20 +47,20 @@ class Stamp:
     """Where a frame came from."""
 
     seq: int
-    """Of the newest wish in it."""
+    """Of the newest command in it."""
     since: float
-    """``time.perf_counter()`` when that wish came, or when the frame was begun if it is in an older frame already."""
+    """``time.perf_counter()`` when that command came; of one that an older frame shows, when the frame was begun."""
 
 
 @dataclass(frozen=True)
 class _Asked:
-    wish: Wish
+    command: Command
     seq: int
     since: float
 
 
 Deliver = Callable[["Shot", Stamp], None]
-Command = Callable[["Session"], Any]
+Action = Callable[["Session"], Any]
 Complain = Callable[[str], None]
 
 
@@ -73,11 +73,11 @@ class Runner:
     Parameters
     ----------
     session : Session
-        Touched by the runner's thread alone from now on; use :meth:`do` for everything but wishes.
+        Touched by the runner's thread alone from now on; use :meth:`do` for everything but commands.
     deliver : callable
         Called as ``deliver(shot, stamp)`` in the runner's thread.
     complain : callable, optional
-        Called with one line in the runner's thread when a step or a command fails.
+        Called with one line in the runner's thread when a step or a action fails.
     ready : callable, optional
         Asked before each step whether a picture could be handed on; call :meth:`wake` when that changes.
     rate_hz : float, default: 90
@@ -94,10 +94,10 @@ class Runner:
     ... ''')
     >>> session, seen = Session(scene, model="paper"), threading.Event()
     >>> with Runner(session, lambda shot, stamp: seen.set() if stamp.seq == 7 else None) as runner:
-    ...     runner.ask(session.world.start.with_needle(depth=20), 7)
+    ...     runner.ask(session.scene.start.with_needle(depth=20), 7)
     ...     seen.wait(60)
     True
-    >>> session.wish.needle.depth
+    >>> session.command.needle.depth
     20
     """
 
@@ -114,9 +114,9 @@ class Runner:
         self._deliver, self._complain = deliver, complain or (lambda line: None)
         self._ready = ready or (lambda: True)
         self._period = 1 / rate_hz
-        self._queue: deque[_Asked | Command] = deque()
+        self._queue: deque[_Asked | Action] = deque()
         self._changed = threading.Condition()
-        self._rhythm = Rhythm()
+        self._arrivals = ArrivalClock()
         self._closed = False
         self._seq = 0
         self._restless = True
@@ -125,25 +125,25 @@ class Runner:
         _runners.add(self)
         self._thread.start()
 
-    def ask(self, wish: Wish, seq: int, since: float | None = None) -> None:
-        """Wish for something; an older wish that was not yet looked at is forgotten."""
-        asked = _Asked(wish, seq, time.perf_counter() if since is None else since)
+    def ask(self, command: Command, seq: int, since: float | None = None) -> None:
+        """Command for something; an older command that was not yet looked at is forgotten."""
+        asked = _Asked(command, seq, time.perf_counter() if since is None else since)
         with self._changed:
-            self._rhythm.beat(asked.since)
+            self._arrivals.beat(asked.since)
             if self._queue and isinstance(self._queue[-1], _Asked):
                 self._queue.pop()
             self._queue.append(asked)
             self._changed.notify()
 
-    def do(self, command: Command) -> None:
-        """Have something else done to the session, after the wishes before it and before those after it."""
+    def do(self, action: Action) -> None:
+        """Have something else done to the session, after the commands before it and before those after it."""
         with self._changed:
-            self._queue.append(command)
+            self._queue.append(action)
             self._changed.notify()
 
     @property
     def waiting(self) -> int:
-        """How many wishes and commands were not looked at yet."""
+        """How many commands and actions were not looked at yet."""
         return len(self._queue)
 
     def wake(self) -> None:
@@ -184,10 +184,10 @@ class Runner:
             begun = time.perf_counter()
             asked = self._obey()
             try:
-                shot = self.session.step(None if asked is None else asked.wish)
+                shot = self.session.step(None if asked is None else asked.command)
                 if asked is not None:
                     self._seq = asked.seq
-                self._restless = not shot.settled and not shot.wish.frozen
+                self._restless = not shot.settled and not shot.command.frozen
                 self._deliver(shot, Stamp(self._seq, begun if asked is None else asked.since))
             except Exception as error:  # the session goes on with its last picture, whatever failed
                 self._restless = False
@@ -199,23 +199,23 @@ class Runner:
             while not self._closed:
                 now = time.perf_counter()
                 busy = bool(self._queue) or self._restless
-                frozen = self.session.wish.frozen and self.session.last is not None
+                frozen = self.session.command.frozen and self.session.last is not None
                 due = begun + (self._period if busy else 1 / IDLE_HZ)
                 may = self._ready() and (busy or not frozen)
                 if may and busy:
-                    due = max(due, self._next_wish(now))
+                    due = max(due, self._next_command(now))
                 if may and now >= due:
                     return True
                 self._changed.wait(due - now if may else None)
             return False
 
-    def _next_wish(self, now: float) -> float:
-        """When to stop waiting for a wish that will take the place of the only one there is; else long ago."""
+    def _next_command(self, now: float) -> float:
+        """When to stop waiting for a command that will take the place of the only one there is; else long ago."""
         stale = len(self._queue) == 1 and isinstance(self._queue[0], _Asked) and self._queue[0].since < now - _FRESH_S
-        return (self._rhythm.worth_waiting_until(now) if stale else None) or -1.0
+        return (self._arrivals.worth_waiting_until(now) if stale else None) or -1.0
 
     def _obey(self) -> _Asked | None:
-        """Do what was asked up to the next wish, and return that."""
+        """Do what was asked up to the next command, and return that."""
         while True:
             with self._changed:
                 if not self._queue:

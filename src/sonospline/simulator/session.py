@@ -1,4 +1,4 @@
-"""A session: one needle, one probe, one patient, from wish to picture."""
+"""A session: one needle, one probe, one patient, from command to picture."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..models.spline.insertion import NeedleInsertion
 from . import models
+from .command import Command, NeedleCommand
 from .fold_check import folds
 from .imaging import Imager, tuned
-from .pass_metrics import PassFigures
+from .pass_metrics import PassMetrics
+from .scene import Scene
 from .scene_file import MODELS, SceneFile
 from .shot import Readouts, Shot
 from .skin_frame import room_along
-from .wish import NeedleWish, Wish
-from .world import World
 
 Array = NDArray[np.float64]
 Blocked = Literal["end of needle", "leaves the tissue", "needle inside"]
@@ -43,9 +43,9 @@ logger = logging.getLogger(__name__)
 
 
 class Granted(NamedTuple):
-    """A wish after the tissue had its say."""
+    """A command after the tissue had its say."""
 
-    wish: Wish
+    command: Command
     blocked: Blocked | None
 
 
@@ -53,10 +53,10 @@ class Granted(NamedTuple):
 class _Saved:
     """What a reset puts away."""
 
-    wish: Wish
-    figures: PassFigures
-    passes: tuple[PassFigures, ...]
-    entered: NeedleWish | None
+    command: Command
+    metrics: PassMetrics
+    passes: tuple[PassMetrics, ...]
+    entered: NeedleCommand | None
     at: float
 
 
@@ -68,12 +68,12 @@ class Session:
 
     Parameters
     ----------
-    scene : World, SceneFile, str or Path
+    scene : Scene, SceneFile, str or Path
         A scene made ready, one to be made, the name of a shipped one (``kidney``, ``gel``, ``cube``), or a file.
     model : {"paper", "kelvinlet", "elastic"}, optional
         How the tissue answers; by default as the scene says.
     clock : callable, default: time.monotonic
-        Seconds, for the figures of a pass.
+        Seconds, for the metrics of a pass.
 
     Raises
     ------
@@ -98,31 +98,31 @@ class Session:
     ... angle = 38
     ... ''')
     >>> session = Session(scene, model="paper")
-    >>> shot = session.step(session.wish.with_needle(depth=30.0))
+    >>> shot = session.step(session.command.with_needle(depth=30.0))
     >>> shot.image.pixels.dtype.name, shot.readouts.depth, bool(shot.readouts.moved > 0.1)
     ('uint8', 30.0, True)
-    >>> session.step(session.wish.with_needle(depth=0)).readouts.moved
+    >>> session.step(session.command.with_needle(depth=0)).readouts.moved
     0.0
     """
 
     def __init__(
         self,
-        scene: World | SceneFile | str | Path = "kidney",
+        scene: Scene | SceneFile | str | Path = "kidney",
         *,
         model: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.world = _world(scene)
-        self.wish = self.world.start
+        self.scene = _scene(scene)
+        self.command = self.scene.start
         """The state in force."""
-        self.target = next(iter(self.world.targets))
-        self.model = _validate.choice("model", model or self.world.spec.model.use, MODELS)
+        self.target = next(iter(self.scene.targets))
+        self.model = _validate.choice("model", model or self.scene.spec.model.use, MODELS)
         self.last: Shot | None = None
         self._clock = clock
         self._insertions: dict[str, NeedleInsertion] = {}
         self._making = threading.Lock()
         self.rest = GridField(
-            self.world.tissue.grid, np.zeros((*self.world.tissue.grid.shape, 3), np.float32), error_estimate=0.0
+            self.scene.tissue.grid, np.zeros((*self.scene.tissue.grid.shape, 3), np.float32), error_estimate=0.0
         )
         """The field while the needle is out."""
         self._needle: Needle | None = None
@@ -130,9 +130,9 @@ class Session:
         self._folds = False
         self._imager: Imager | None = None
         self._aimed_for: tuple[Any, ...] = ()
-        self._figures = PassFigures()
-        self._passes: tuple[PassFigures, ...] = ()
-        self._entered: NeedleWish | None = None
+        self._metrics = PassMetrics()
+        self._passes: tuple[PassMetrics, ...] = ()
+        self._entered: NeedleCommand | None = None
         self._saved: _Saved | None = None
         self._frozen_at: float | None = None
         self._frames = 0
@@ -143,33 +143,33 @@ class Session:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _making=threading.Lock())
 
-    def step(self, wish: Wish | None = None) -> Shot:
-        """Bring the tissue nearer to a wish and return the picture of it.
+    def step(self, command: Command | None = None) -> Shot:
+        """Bring the tissue nearer to a command and return the picture of it.
 
         Parameters
         ----------
-        wish : Wish, optional
+        command : Command, optional
             By default the one in force: elastic tissue comes to rest over some steps, and a picture's noise lives.
 
         Raises
         ------
         ValueError
-            A wish beyond the scene's limits; nothing changes.
+            A command beyond the scene's limits; nothing changes.
         """
-        wish = self.wish if wish is None else wish
-        self.world.limits.check(wish)
-        if wish.frozen and self.last is not None:
+        command = self.command if command is None else command
+        self.scene.limits.check(command)
+        if command.frozen and self.last is not None:
             return self._freeze()
         self._thaw()
-        granted = self.grant(wish)
+        granted = self.grant(command)
         started = time.perf_counter()
-        needle = self._needle_of(granted.wish.needle)
+        needle = self._needle_of(granted.command.needle)
         self._answer(needle)
         stepped = time.perf_counter()
-        imager = self._aimed(granted.wish)
-        image = imager.render(self._shown, needle, frame=self._frames, gain_db=granted.wish.image.gain)
+        imager = self._aimed(granted.command)
+        image = imager.render(self._shown, needle, frame=self._frames, gain_db=granted.command.image.gain)
         rendered = time.perf_counter()
-        self.wish = granted.wish
+        self.command = granted.command
         self.last = self._shot(granted, imager, image, 1e3 * (stepped - started), 1e3 * (rendered - stepped))
         self._frames += 1
         return self.last
@@ -179,13 +179,13 @@ class Session:
 
         Unlike everything else this may be called in another thread while the session steps.
         """
-        wish, model = self.wish, self.model
-        if wish.needle.depth > 0 or model in self._insertions:
+        command, model = self.command, self.model
+        if command.needle.depth > 0 or model in self._insertions:
             return
-        trial = self._needle_of(self.grant(wish.with_needle(depth=1.0)).wish.needle)
+        trial = self._needle_of(self.grant(command.with_needle(depth=1.0)).command.needle)
         with self._making:
             if model not in self._insertions:
-                insertion = models.make(model, self.world)
+                insertion = models.make(model, self.scene)
                 if trial is not None:
                     insertion.advance(trial)
                     insertion.reset()
@@ -196,9 +196,9 @@ class Session:
         if self._frozen_at is None:
             self._frozen_at = self._clock()
 
-    def settle(self, wish: Wish | None = None, *, most: int = 100) -> Shot:
-        """Step until the tissue has come to rest at a wish, and return the last picture."""
-        shot = self.step(wish)
+    def settle(self, command: Command | None = None, *, most: int = 100) -> Shot:
+        """Step until the tissue has come to rest at a command, and return the last picture."""
+        shot = self.step(command)
         for _ in range(most):
             if shot.settled:
                 break
@@ -211,20 +211,20 @@ class Session:
 
     def choose_target(self, name: str) -> None:
         """Aim for another target of the scene."""
-        self.target = _validate.choice("target", name, self.world.targets)
+        self.target = _validate.choice("target", name, self.scene.targets)
 
     def undo_pass(self) -> None:
         """Take the needle out and forget the present or last pass; the next step shows it."""
         if self._passes:
-            *before, self._figures = self._passes
+            *before, self._metrics = self._passes
             self._passes = tuple(before)
         self._entered = None
-        self.wish = replace(self.wish.with_needle(depth=0.0), frozen=False)
+        self.command = replace(self.command.with_needle(depth=0.0), frozen=False)
 
     def reset(self) -> None:
-        """Put needle, probe, image and figures back to the scene's start."""
-        self._saved = _Saved(self.wish, self._figures, self._passes, self._entered, self._clock())
-        self.wish, self._figures, self._passes, self._entered = self.world.start, PassFigures(), (), None
+        """Put needle, probe, image and metrics back to the scene's start."""
+        self._saved = _Saved(self.command, self._metrics, self._passes, self._entered, self._clock())
+        self.command, self._metrics, self._passes, self._entered = self.scene.start, PassMetrics(), (), None
 
     def restore(self) -> None:
         """Undo a reset.
@@ -237,31 +237,31 @@ class Session:
         saved = self._saved
         if saved is None or self._clock() - saved.at > RESTORE_S:
             raise ValueError(f"there is no reset of the last {RESTORE_S:g} s to undo; push the needle again")
-        self.wish, self._figures, self._passes = replace(saved.wish, frozen=False), saved.figures, saved.passes
+        self.command, self._metrics, self._passes = replace(saved.command, frozen=False), saved.metrics, saved.passes
         self._entered, self._saved = saved.entered, None
 
-    def grant(self, wish: Wish) -> Granted:
-        """Return a wish as far as needle and tissue allow it."""
-        needle, blocked = wish.needle, None
+    def grant(self, command: Command) -> Granted:
+        """Return a command as far as needle and tissue allow it."""
+        needle, blocked = command.needle, None
         if needle.depth < _OUT_MM:
-            return Granted(wish.with_needle(depth=0.0), None)
+            return Granted(command.with_needle(depth=0.0), None)
         if self._entered is not None:
             held = _held(needle, self._entered)
             blocked = None if held == needle else "needle inside"
             needle = held
-        frame, length = self.world.frame, self.world.limits.needle["depth"][1]
-        room = room_along(self.world.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
+        frame, length = self.scene.frame, self.scene.limits.needle["depth"][1]
+        room = room_along(self.scene.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
         if needle.depth > room:
             needle, blocked = replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
         elif needle.depth >= length:
             needle, blocked = replace(needle, depth=length), "end of needle"
-        return Granted(replace(wish, needle=needle), blocked)  # type: ignore[arg-type]
+        return Granted(replace(command, needle=needle), blocked)  # type: ignore[arg-type]
 
-    def _needle_of(self, wish: NeedleWish) -> Needle | None:
-        if wish.depth == 0:
+    def _needle_of(self, command: NeedleCommand) -> Needle | None:
+        if command.depth == 0:
             return None
-        entry = self.world.frame.entry(wish)
-        return Needle(entry, entry + wish.depth * self.world.frame.direction(wish))
+        entry = self.scene.frame.entry(command)
+        return Needle(entry, entry + command.depth * self.scene.frame.direction(command))
 
     def _answer(self, needle: Needle | None) -> None:
         """Let the tissue answer to a needle; where it already has, nothing is done."""
@@ -284,47 +284,47 @@ class Session:
     def _insertion(self) -> NeedleInsertion:
         with self._making:
             if self.model not in self._insertions:
-                self._insertions[self.model] = models.make(self.model, self.world)
+                self._insertions[self.model] = models.make(self.model, self.scene)
             return self._insertions[self.model]
 
-    def _aimed(self, wish: Wish) -> Imager:
-        asked = (wish.probe, wish.image.depth, wish.image.frequency, wish.image.focus)
+    def _aimed(self, command: Command) -> Imager:
+        asked = (command.probe, command.image.depth, command.image.frequency, command.image.focus)
         if self._imager is not None and asked == self._aimed_for:
             return self._imager
-        probe = tuned(self.world.probe, wish.image)
-        pose = self.world.frame.probe_to_reference(wish.probe, self.world.spec.probe.press_mm)
-        self._imager = self.world.see(probe, pose) if self._imager is None else self._imager.aimed(probe, pose)
+        probe = tuned(self.scene.probe, command.image)
+        pose = self.scene.frame.probe_to_reference(command.probe, self.scene.spec.probe.press_mm)
+        self._imager = self.scene.see(probe, pose) if self._imager is None else self._imager.aimed(probe, pose)
         self._aimed_for = asked
         return self._imager
 
-    def _count(self, wish: Wish, tip: Array, out_of_plane: float) -> None:
+    def _count(self, command: Command, tip: Array, out_of_plane: float) -> None:
         now = self._clock()
-        if wish.needle.depth == 0:
+        if command.needle.depth == 0:
             self._entered = None
             return
         if self._entered is None:
-            self._passes = (*self._passes, self._figures)
-            self._figures, self._entered = self._figures.entered(now), wish.needle
-        self._figures = self._figures.moved(tip, out_of_plane, now)
+            self._passes = (*self._passes, self._metrics)
+            self._metrics, self._entered = self._metrics.entered(now), command.needle
+        self._metrics = self._metrics.moved(tip, out_of_plane, now)
 
     def _shot(self, granted: Granted, imager: Imager, image: Any, step_ms: float, render_ms: float) -> Shot:
-        frame, wish = self.world.frame, granted.wish
-        entry, direction = frame.entry(wish.needle), frame.direction(wish.needle)
-        tip = entry + wish.needle.depth * direction
-        rest = self.world.targets[self.target]
+        frame, command = self.scene.frame, granted.command
+        entry, direction = frame.entry(command.needle), frame.direction(command.needle)
+        tip = entry + command.needle.depth * direction
+        rest = self.scene.targets[self.target]
         moved = np.zeros(3) if self._needle is None else self._insertion().field.displacement(rest[None])[0]
         out_of_plane, half_slice = imager.out_of_plane(tip)
-        self._count(wish, tip, out_of_plane)
+        self._count(command, tip, out_of_plane)
         readouts = Readouts(
-            tip_to_target=float(np.linalg.norm(rest + moved - tip)), depth=wish.needle.depth,
+            tip_to_target=float(np.linalg.norm(rest + moved - tip)), depth=command.needle.depth,
             moved=float(np.linalg.norm(moved)), moved_parts=frame.parts(moved), out_of_plane=out_of_plane,
             half_slice=half_slice, folds=self._folds, estimate=self._shown.error_estimate,
         )  # fmt: skip
         return Shot(
-            number=self._frames, wish=wish, blocked=granted.blocked, image=image,
+            number=self._frames, command=command, blocked=granted.blocked, image=image,
             probe_to_reference=imager.probe_to_reference, entry=entry, tip=tip, direction=direction,
             needle=self._needle, field=self._shown, target=self.target, target_rest=rest, target_now=rest + moved,
-            readouts=readouts, figures=self._figures, model=self.model,
+            readouts=readouts, metrics=self._metrics, model=self.model,
             settled=self._needle is None or models.settled(self._insertion()), step_ms=step_ms, render_ms=render_ms,
         )  # fmt: skip
 
@@ -333,24 +333,24 @@ class Session:
         assert self.last is not None
         if self._frozen_at is None:
             self._frozen_at = self._clock()
-        self.wish = replace(self.wish, frozen=True)
-        self.last = replace(self.last, wish=replace(self.last.wish, frozen=True))
+        self.command = replace(self.command, frozen=True)
+        self.last = replace(self.last, command=replace(self.last.command, frozen=True))
         return self.last
 
     def _thaw(self) -> None:
         if self._frozen_at is not None:
-            self._figures = self._figures.later(self._clock() - self._frozen_at)
+            self._metrics = self._metrics.later(self._clock() - self._frozen_at)
             self._frozen_at = None
 
 
-def _held(wish: NeedleWish, entered: NeedleWish) -> NeedleWish:
+def _held(command: NeedleCommand, entered: NeedleCommand) -> NeedleCommand:
     """A needle inside keeps its entry and turns but a little from the direction it entered in."""
     return replace(
-        wish,
+        command,
         u=entered.u,
         v=entered.v,
-        angle=float(np.clip(wish.angle, entered.angle - STEER_DEG, entered.angle + STEER_DEG)),
-        swing=float(np.clip(wish.swing, entered.swing - STEER_DEG, entered.swing + STEER_DEG)),
+        angle=float(np.clip(command.angle, entered.angle - STEER_DEG, entered.angle + STEER_DEG)),
+        swing=float(np.clip(command.swing, entered.swing - STEER_DEG, entered.swing + STEER_DEG)),
     )
 
 
@@ -358,11 +358,11 @@ def _same(a: Needle, b: Needle) -> bool:
     return bool((a.entry == b.entry).all() and (a.tip == b.tip).all())
 
 
-def _world(scene: World | SceneFile | str | Path) -> World:
-    if isinstance(scene, World):
+def _scene(scene: Scene | SceneFile | str | Path) -> Scene:
+    if isinstance(scene, Scene):
         return scene
     if isinstance(scene, SceneFile):
-        return World.make(scene)
+        return Scene.make(scene)
     if isinstance(scene, str) and not scene.endswith(".toml"):
-        return World.make(SceneFile.shipped(scene))
-    return World.make(SceneFile.read(scene), folder=Path(scene).parent)
+        return Scene.make(SceneFile.shipped(scene))
+    return Scene.make(SceneFile.read(scene), folder=Path(scene).parent)

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..ultrasound.frame import Frame
-from .pass_metrics import PassFigures
-from .wish import Wish
+from .command import Command
+from .pass_metrics import PassMetrics
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Readouts:
-    """The figures beside the picture, in mm."""
+    """The metrics beside the picture, in mm."""
 
     tip_to_target: float
     """From the tip to the target where it is now; from the entry while the needle is out."""
@@ -43,7 +43,7 @@ class Shot:
     """One frame."""
 
     number: int
-    wish: Wish
+    command: Command
     """The state in force, after clamping."""
     blocked: str | None
     """Why the needle is not where it was asked to be."""
@@ -61,7 +61,7 @@ class Shot:
     target_rest: Array
     target_now: Array
     readouts: Readouts
-    figures: PassFigures
+    metrics: PassMetrics
     model: str
     settled: bool
     """Whether the tissue has come to rest: another step at the same pose would change nothing."""

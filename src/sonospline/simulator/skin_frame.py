@@ -1,4 +1,4 @@
-"""Where a wish is in the world: needle and probe seen from the skin."""
+"""Where a command is in the world: needle and probe seen from the skin."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.grid import FACES, Grid
-from .wish import NeedleWish, ProbeWish
+from .command import NeedleCommand, ProbeCommand
 
 Array = NDArray[np.float64]
 
@@ -62,28 +62,28 @@ class SkinFrame:
         """n = r x d, away from the viewer of the image."""
         return np.cross(self.right, self.depth)
 
-    def entry(self, wish: NeedleWish) -> Array:
+    def entry(self, command: NeedleCommand) -> Array:
         """Return where the needle meets the skin: origin + u r + v n."""
-        return self.origin + wish.u * self.right + wish.v * self.out
+        return self.origin + command.u * self.right + command.v * self.out
 
-    def direction(self, wish: NeedleWish) -> Array:
+    def direction(self, command: NeedleCommand) -> Array:
         """Return the needle's unit vector: cos(swing) (cos(angle) r + sin(angle) d) + sin(swing) n."""
-        angle, swing = np.radians(wish.angle), np.radians(wish.swing)
+        angle, swing = np.radians(command.angle), np.radians(command.swing)
         in_plane = np.cos(angle) * self.right + np.sin(angle) * self.depth
         return np.cos(swing) * in_plane + np.sin(swing) * self.out
 
-    def probe_to_reference(self, wish: ProbeWish, press_mm: float) -> Array:
+    def probe_to_reference(self, command: ProbeCommand, press_mm: float) -> Array:
         """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z away from the viewer.
 
         Slide along r and sweep along n; then rotate about d (right-handed), then fan about the image's own x,
         positive turning its depth towards its z.
         """
-        turn, fan = np.radians(wish.rotate), np.radians(wish.fan)
+        turn, fan = np.radians(command.rotate), np.radians(command.fan)
         x = np.cos(turn) * self.right - np.sin(turn) * self.out
         z = np.cos(turn) * self.out + np.sin(turn) * self.right
         y = np.cos(fan) * self.depth + np.sin(fan) * z
         pose = np.eye(4)
-        origin = self.origin + press_mm * self.depth + wish.slide * self.right + wish.sweep * self.out
+        origin = self.origin + press_mm * self.depth + command.slide * self.right + command.sweep * self.out
         pose[:3] = np.column_stack([x, y, np.cos(fan) * z - np.sin(fan) * self.depth, origin])
         return pose
 

@@ -42,7 +42,7 @@ class Page:
     began: float = 0.0
 
     def see(self, header: dict[str, Any], bytes_: int) -> None:
-        """Take note of a frame; the figures are of frames that show a new pose."""
+        """Take note of a frame; the metrics are of frames that show a new pose."""
         now = time.perf_counter()
         self.frames += 1
         if header["seq"] <= self.seq:
@@ -51,11 +51,11 @@ class Page:
         self.seq = header["seq"]
         if self.seq not in self.sent or self.sent[self.seq] < self.began + _WARM_UP_S:
             return
-        figures = {
+        metrics = {
             "server_ms": header["server_ms"], "step_ms": header["step_ms"], "render_ms": header["render_ms"],
             "round_trip_ms": 1e3 * (now - self.sent[self.seq]), "kilobytes": bytes_ / 1000,
         }  # fmt: skip
-        for name, value in figures.items():
+        for name, value in metrics.items():
             self.columns.setdefault(name, []).append(value)
 
 

@@ -99,7 +99,7 @@ def _note(said: dict[str, Any], log: Log) -> None:
 
 
 async def _use(socket: Any, scene: dict[str, Any], chance: random.Random) -> None:
-    """Thirty wishes a second; now and then another model, an undo, a reset, a look at the grid."""
+    """Thirty commands a second; now and then another model, an undo, a reset, a look at the grid."""
     start, limits, seq = scene["state"], scene["limits"], 0
     state = copy.deepcopy(start)
     commands: list[dict[str, Any]] = [{"type": "model", "model": model["id"]} for model in scene["models"]]

@@ -7,12 +7,12 @@ from .frame import Frame as Frame
 from .kidney import KidneyPhantom as KidneyPhantom
 from .kidney import kidney_phantom as kidney_phantom
 from .needle_echo import NeedleEcho as NeedleEcho
+from .phantom import Phantom as Phantom
 from .probe import Probe as Probe
 from .reslice import Reslicer as Reslicer
 from .reslice import swept as swept
-from .scene import Scene as Scene
 from .slices import NodeSlice as NodeSlice
 from .slices import PlaneSlice as PlaneSlice
 from .synthesis import BMode as BMode
 from .synthesis import Display as Display
-from .synthesis import Ultrasound as Ultrasound
+from .synthesis import Scanner as Scanner

@@ -42,7 +42,7 @@ class AcousticTissue:
     texture_db : float, default: 0
         Standard deviation of the level from place to place (fibres, lobules).
     texture_mm : (float, float, float), default: (3, 3, 3)
-        Correlation length of that along the scene's axes.
+        Correlation length of that along the phantom's axes.
     source : str, default: ""
         Where the numbers come from.
     """

@@ -1,4 +1,4 @@
-"""What a probe at a pose sees of a scene, sorted by the cells of a displacement lattice."""
+"""What a probe at a pose sees of a phantom, sorted by the cells of a displacement lattice."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..geometry import pose
 from ..geometry.grid import Grid
 from .optics import RAY_SAMPLES, RAYS, Optics
+from .phantom import Phantom
 from .scatterers import PER_BRICK
-from .scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -38,15 +38,15 @@ class Aim(NamedTuple):
     impedance: NDArray[np.float32]
 
 
-def aim(scene: Scene, optics: Optics, transform: Array, grid: Grid, margin_mm: float, seed: int) -> Aim:
+def aim(phantom: Phantom, optics: Optics, transform: Array, grid: Grid, margin_mm: float, seed: int) -> Aim:
     """Return the scatterers within a slice and ``margin_mm`` around it, and the rays that attenuation is traced along.
 
     Cells go on beyond the grid, where the displacement is that of its nearest point.
     """
-    lattice, spacing = scene.labels.lattice, np.array(grid.spacing)
+    lattice, spacing = phantom.labels.lattice, np.array(grid.spacing)
     to_image, origin = transform[:3, :3].T, transform[:3, 3]
     to_cell = grid.direction.T / spacing[:, None]
-    frames, nodes, starts, place, amplitude, amplitude_step = scene.echoes.choose(
+    frames, nodes, starts, place, amplitude, amplitude_step = phantom.echoes.choose(
         optics.view(margin_mm, PER_BRICK),
         np.column_stack([to_image @ lattice.direction, to_image @ (lattice.origin - origin)]),
         np.column_stack([to_cell @ lattice.direction, to_cell @ (lattice.origin - grid.origin)]),
@@ -65,10 +65,10 @@ def aim(scene: Scene, optics: Optics, transform: Array, grid: Grid, margin_mm: f
         amplitude,
         amplitude_step,
         *_rays(optics, transform, grid),
-        scene.bytes,
-        _label_index(scene, grid),
-        (two_way * scene.table("attenuation_db_cm_mhz")).astype(np.float32),
-        scene.table("impedance").astype(np.float32),
+        phantom.bytes,
+        _label_index(phantom, grid),
+        (two_way * phantom.table("attenuation_db_cm_mhz")).astype(np.float32),
+        phantom.table("impedance").astype(np.float32),
     )
 
 
@@ -86,7 +86,7 @@ def _rays(optics: Optics, transform: Array, grid: Grid) -> tuple[Array, Array]:
     return ends[0], ends[1] - ends[0]
 
 
-def _label_index(scene: Scene, grid: Grid) -> Array:
-    lattice = scene.labels.lattice
+def _label_index(phantom: Phantom, grid: Grid) -> Array:
+    lattice = phantom.labels.lattice
     to_index = lattice.direction.T / np.array(lattice.spacing)[:, None]
     return np.column_stack([to_index @ grid.direction, to_index @ (grid.origin - lattice.origin)])

@@ -24,14 +24,14 @@ from ..geometry.needle import Needle
 from ..geometry.volume import Volume
 from ._canvas3d import Array, Canvas
 from ._canvas3d import __file__ as canvas_file
-from .scene import Scene
+from .phantom import Phantom
 
 LABELS = {
     0: "gel", 1: "skin", 2: "fat", 3: "muscle", 4: "fascia", 5: "bone", 6: "perirenal fat", 7: "kidney cortex",
     8: "kidney medulla", 9: "sinus fat", 10: "urine", 11: "blood", 12: "vessel wall",
 }  # fmt: skip
 LOW_MM, HIGH_MM = (-40.0, 0.0, 0.0), (200.0, 100.0, 130.0)
-"""Corners of the acoustic scene: wider than the mechanical box."""
+"""Corners of the acoustic phantom: wider than the mechanical box."""
 BOX_MM = (180.0, 100.0, 120.0)
 """The mechanical box: wide enough for an oblique entry through the skin of the flank."""
 
@@ -49,9 +49,9 @@ _ROWS_DEG = (-62.0, 0.0, 62.0)
 
 @dataclass(frozen=True, eq=False)
 class KidneyPhantom:
-    """The scene, where to look from, and where to go."""
+    """The phantom, where to look from, and where to go."""
 
-    scene: Scene
+    phantom: Phantom
     targets: dict[str, NDArray[np.float64]]
     """Calyces by name: world positions of their middles."""
 
@@ -109,7 +109,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool 
     }
     labels = canvas.labels if known is None else known
     volume = Volume(voxels=labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
-    return KidneyPhantom(Scene(volume, LABELS), targets)  # type: ignore[arg-type]
+    return KidneyPhantom(Phantom(volume, LABELS), targets)  # type: ignore[arg-type]
 
 
 def _paint(canvas: Canvas, push: float) -> None:

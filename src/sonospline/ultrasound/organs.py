@@ -13,7 +13,7 @@ from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
 from ..io.tables import read_names
 from .acoustics import TISSUES
-from .scene import Scene
+from .phantom import Phantom
 
 _KINDS = {
     "kidney cortex": ("kidney", "adrenal"),
@@ -65,10 +65,10 @@ def tissue_of(organ: str) -> str:
 read_organ_names = read_names
 
 
-def scene_from_organs(
+def phantom_from_organs(
     labels: Volume, names: dict[int, str], *, ct: Volume | None = None, spacing_mm: float | None = 1.0
-) -> Scene:
-    """Return a scene from organ labels, finer than they are.
+) -> Phantom:
+    """Return a phantom from organ labels, finer than they are.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def scene_from_organs(
         raise ValueError(f"label {label} has no name; add it to names, e.g. names[{label}] = 'liver'")
     tissues = {_AIR: "gel", _FAT: "fat", _SOFT: "soft tissue"} | {label: tissue_of(names[label]) for label in present}
     volume = Volume(voxels=voxels, spacing=labels.lattice.spacing, origin=labels.origin, direction=labels.direction)
-    scene = Scene(volume, tissues)  # type: ignore[arg-type]
-    return scene if spacing_mm is None else scene.refined(spacing_mm)
+    phantom = Phantom(volume, tissues)  # type: ignore[arg-type]
+    return phantom if spacing_mm is None else phantom.refined(spacing_mm)
 
 
 def _hounsfield(ct: Volume, labels: LabelMap) -> NDArray[Any]:

@@ -39,7 +39,7 @@ def echo_scene(
     texture_db: Array,
     texture_mm: Array,
 ) -> Any:
-    """Return the core's scene, which chooses scatterers: a label map and tables (256,) or (256, 3) by label."""
+    """Return the core's phantom, which chooses scatterers: a label map and tables (256,) or (256, 3) by label."""
     places, signs = _patterns()
     return _core.active.EchoScene(
         labels, spacing, impedance, level_db, texture_db, np.ascontiguousarray(_TEXTURE_VOXELS / texture_mm),

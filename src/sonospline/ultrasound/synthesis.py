@@ -1,4 +1,4 @@
-"""Synthetic B-mode: the image a probe shows of a scene that a field deforms and a needle pierces."""
+"""Synthetic B-mode: the image a probe shows of a phantom that a field deforms and a needle pierces."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from .aim import aim
 from .frame import Frame
 from .needle_echo import NeedleEcho
 from .optics import Optics, Scan, picture_plane
+from .phantom import Phantom
 from .probe import Probe
-from .scene import Scene
 
 logger = logging.getLogger(__name__)
 
@@ -78,15 +78,15 @@ class BMode:
         return np.abs(self.iq) / np.sqrt(self.optics.speckle_power).astype(np.float32)
 
 
-class Ultrasound:
-    """A probe on a scene: made once, then rendered for every field and needle.
+class Scanner:
+    """A probe on a phantom: made once, then rendered for every field and needle.
 
     Scatterers live in the undeformed tissue, are carried forward by the field, and are each added once to a
     grid of beams with the exact phase of the carrier at their range; pulse and beam follow as convolutions.
 
     Parameters
     ----------
-    scene : Scene
+    phantom : Phantom
         What is there.
     probe : Probe
         What looks at it.
@@ -107,15 +107,15 @@ class Ultrasound:
     Raises
     ------
     ValueError
-        A pose that is not rigid, or a scene or probe that is none.
+        A pose that is not rigid, or a phantom or probe that is none.
 
     Examples
     --------
-    >>> from sonospline.ultrasound import Probe, Scene, Ultrasound
+    >>> from sonospline.ultrasound import Probe, Phantom, Scanner
     >>> from sonospline.geometry import facing
-    >>> scene = Scene.uniform("liver", size_mm=(30, 10, 40))
+    >>> phantom = Phantom.uniform("liver", size_mm=(30, 10, 40))
     >>> probe = Probe.linear(depth_mm=30, lines=64, samples=512, aperture_mm=20)
-    >>> scanner = Ultrasound(scene, probe, facing((15, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
+    >>> scanner = Scanner(phantom, probe, facing((15, 5, 2), depth=(0, 0, 1), right=(1, 0, 0)))
     >>> image = scanner.render()
     >>> bool(100 < image.beams[20:44, 50:250].mean() < 140)
     True
@@ -123,7 +123,7 @@ class Ultrasound:
 
     def __init__(
         self,
-        scene: Scene,
+        phantom: Phantom,
         probe: Probe,
         image_to_reference: ArrayLike,
         *,
@@ -133,11 +133,11 @@ class Ultrasound:
         seed: int = 0,
         margin_mm: float = 3.0,
     ) -> None:
-        if not isinstance(scene, Scene):
-            raise ValueError(f"scene = {type(scene).__name__} is not a Scene; make one from a label map")
+        if not isinstance(phantom, Phantom):
+            raise ValueError(f"phantom = {type(phantom).__name__} is not a Phantom; make one from a label map")
         if not isinstance(probe, Probe):
             raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
-        self.scene = scene
+        self.phantom = phantom
         self.display = Display() if display is None else display
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
         self.seed = _validate.count("seed", seed, least=0)
@@ -147,7 +147,7 @@ class Ultrasound:
         transform = pose.rigid("image_to_reference", image_to_reference)
         self._use(probe, picture_plane(probe, transform, picture_shape), margin_mm)
 
-    def moved(self, image_to_reference: ArrayLike) -> Ultrasound:
+    def moved(self, image_to_reference: ArrayLike) -> Scanner:
         """Return the same scanner at another pose, with the image that a new one would show there.
 
         What does not depend on the pose is shared. Scatterers are chosen anew by the next :meth:`render`:
@@ -158,17 +158,17 @@ class Ultrasound:
         other._aimed = _Aimed(self.optics.plan(self._scan), self._aimed.margin_mm)
         return other
 
-    def with_probe(self, probe: Probe) -> Ultrasound:
+    def with_probe(self, probe: Probe) -> Scanner:
         """Return a scanner with another probe, or another setting of it, at the same pose and picture size.
 
         Examples
         --------
         >>> from dataclasses import replace
-        >>> from sonospline.ultrasound import Probe, Scene, Ultrasound
+        >>> from sonospline.ultrasound import Probe, Phantom, Scanner
         >>> from sonospline.geometry import facing
-        >>> scene = Scene.uniform("liver", size_mm=(40, 10, 70))
+        >>> phantom = Phantom.uniform("liver", size_mm=(40, 10, 70))
         >>> pose = facing((20, 5, 2), depth=(0, 0, 1), right=(1, 0, 0))
-        >>> scanner = Ultrasound(scene, Probe.linear(depth_mm=30), pose)
+        >>> scanner = Scanner(phantom, Probe.linear(depth_mm=30), pose)
         >>> scanner.with_probe(replace(scanner.probe, depth_mm=60, frequency_mhz=5)).probe.depth_mm
         60
         """
@@ -187,9 +187,9 @@ class Ultrasound:
         return self.plane.image_to_reference
 
     def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
-        """Return the image of the deformed scene.
+        """Return the image of the deformed phantom.
 
-        A probe that sees nothing of the scene gives a black image and a warning; a field with NaN is left out,
+        A probe that sees nothing of the phantom gives a black image and a warning; a field with NaN is left out,
         with a warning: rendering never stops a simulation.
 
         Parameters
@@ -220,7 +220,7 @@ class Ultrasound:
         )  # fmt: skip
         return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
 
-    def with_display(self, **settings: float) -> Ultrasound:
+    def with_display(self, **settings: float) -> Scanner:
         """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
         other = self._twin()
         other.display = replace(self.display, **settings)
@@ -228,7 +228,7 @@ class Ultrasound:
             other.__dict__.pop(cached, None)
         return other
 
-    def _twin(self) -> Ultrasound:
+    def _twin(self) -> Scanner:
         """A scanner that shares everything with this one."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
@@ -251,15 +251,15 @@ class Ultrasound:
         aimed = self._aimed
         if largest_mm > aimed.margin_mm:
             aimed.margin_mm = 1.5 * largest_mm
-        seen = aim(self.scene, self.optics, self.image_to_reference, grid, aimed.margin_mm, self.seed)
+        seen = aim(self.phantom, self.optics, self.image_to_reference, grid, aimed.margin_mm, self.seed)
         if not len(seen.frames):
-            logger.warning("the probe sees nothing: its plane misses the scene, or all of it is fluid")
+            logger.warning("the probe sees nothing: its plane misses the phantom, or all of it is fluid")
         aimed.plan.aim(*seen)
         aimed.grid = grid
 
     @cached_property
     def _still(self) -> GridField:
-        lattice = self.scene.labels.lattice
+        lattice = self.phantom.labels.lattice
         grid = Grid.covering(lattice.extent, nodes=20_000, origin=lattice.origin, direction=lattice.direction)
         return GridField(grid, np.zeros((*grid.shape, 3), np.float32))
 

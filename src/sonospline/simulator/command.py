@@ -13,7 +13,7 @@ _SLACK = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class NeedleWish:
+class NeedleCommand:
     """Where the needle should be: mm and degrees, seen from the skin (see :class:`SkinFrame`)."""
 
     u: float
@@ -24,7 +24,7 @@ class NeedleWish:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProbeWish:
+class ProbeCommand:
     """Where the probe should be, from its rest pose: mm and degrees."""
 
     slide: float = 0.0
@@ -34,7 +34,7 @@ class ProbeWish:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageWish:
+class ImageSettings:
     """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm."""
 
     gain: float
@@ -44,56 +44,56 @@ class ImageWish:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """The whole wish, absolute: the newest one counts.
+class Command:
+    """The whole command, absolute: the newest one counts.
 
     Examples
     --------
     >>> from dataclasses import replace
-    >>> from sonospline.simulator import ImageWish, NeedleWish, ProbeWish, Wish
-    >>> wish = Wish(needle=NeedleWish(u=40, v=0, angle=120, swing=0, depth=0), probe=ProbeWish(),
-    ...             image=ImageWish(gain=0, depth=120, frequency=3.5, focus=65))
-    >>> wish.with_needle(depth=30).needle.depth
+    >>> from sonospline.simulator import ImageSettings, NeedleCommand, ProbeCommand, Command
+    >>> command = Command(needle=NeedleCommand(u=40, v=0, angle=120, swing=0, depth=0), probe=ProbeCommand(),
+    ...             image=ImageSettings(gain=0, depth=120, frequency=3.5, focus=65))
+    >>> command.with_needle(depth=30).needle.depth
     30
     """
 
-    needle: NeedleWish
-    probe: ProbeWish
-    image: ImageWish
+    needle: NeedleCommand
+    probe: ProbeCommand
+    image: ImageSettings
     frozen: bool = False
 
     @property
     def told(self) -> dict[str, Any]:
-        """The wish as a state message has it."""
+        """The command as a state message has it."""
         return {
             "needle": vars(self.needle), "probe": vars(self.probe), "image": vars(self.image), "frozen": self.frozen,
         }  # fmt: skip
 
-    def with_needle(self, **changes: float) -> Wish:
-        """Return the wish with some of the needle's figures changed."""
+    def with_needle(self, **changes: float) -> Command:
+        """Return the command with some of the needle's metrics changed."""
         return _changed(self, "needle", changes)
 
-    def with_probe(self, **changes: float) -> Wish:
-        """Return the wish with some of the probe's figures changed."""
+    def with_probe(self, **changes: float) -> Command:
+        """Return the command with some of the probe's metrics changed."""
         return _changed(self, "probe", changes)
 
-    def with_image(self, **changes: float) -> Wish:
-        """Return the wish with some of the image's figures changed."""
+    def with_image(self, **changes: float) -> Command:
+        """Return the command with some of the image's metrics changed."""
         return _changed(self, "image", changes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What of a wish makes sense in a scene: lowest and highest of each figure."""
+    """What of a command makes sense in a scene: lowest and highest of each figure."""
 
     needle: dict[str, Range]
     probe: dict[str, Range]
     image: dict[str, Range]
 
-    def check(self, wish: Wish) -> None:
+    def check(self, command: Command) -> None:
         """Raise FieldError for the first figure that is beyond its limits (or NaN)."""
         for part in ("needle", "probe", "image"):
-            asked, allowed = getattr(wish, part), getattr(self, part)
+            asked, allowed = getattr(command, part), getattr(self, part)
             for entry in fields(asked):
                 value, (low, high) = getattr(asked, entry.name), allowed[entry.name]
                 if not low - _SLACK <= value <= high + _SLACK:
@@ -104,7 +104,7 @@ class Limits:
                     )
 
 
-def _changed(wish: Wish, part: str, changes: dict[str, float]) -> Wish:
+def _changed(command: Command, part: str, changes: dict[str, float]) -> Command:
     from dataclasses import replace
 
-    return replace(wish, **{part: replace(getattr(wish, part), **changes)})
+    return replace(command, **{part: replace(getattr(command, part), **changes)})

@@ -21,19 +21,19 @@ from ..io.volumes import read_volume
 from ..mechanics.tissue_map import TissueMap
 from ..mechanics.tissue_material import MaterialTable, read_label_names
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
-from ..ultrasound.organs import LARGEST_ORGAN, scene_from_organs
+from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
+from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
-from ..ultrasound.scene import Scene
 from ..ultrasound.synthesis import Display
 from . import surfaces
+from .command import Command, ImageSettings, Limits, NeedleCommand, ProbeCommand
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
 from .organs import organs
 from .phantoms import PHANTOMS
 from .scene_file import SceneFile, SurfacePart
 from .skin_frame import SkinFrame
 from .surfaces import MOST_VERTICES, Mesh
-from .wish import ImageWish, Limits, NeedleWish, ProbeWish, Wish
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -47,7 +47,7 @@ _COLOURS = ("#9c5247", "#b5483f", "#d8d4c6", "#d9b36c", "#7d8fa8", "#8aa37b", "#
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class World:
+class Scene:
     """A scene's tissue, what to see of it, where to go, and what may be asked."""
 
     spec: SceneFile
@@ -59,7 +59,7 @@ class World:
     """What a probe at a pose sees."""
     probe: Probe
     targets: Mapping[str, Array]
-    start: Wish
+    start: Command
     limits: Limits
     draw: Callable[[], tuple[Mesh, ...]]
     """Makes :attr:`meshes`."""
@@ -67,7 +67,7 @@ class World:
     """Makes what the first picture did not need and others will; from any thread."""
 
     @classmethod
-    def make(cls, spec: SceneFile, *, folder: Path | None = None, progress: Progress | None = None) -> World:
+    def make(cls, spec: SceneFile, *, folder: Path | None = None, progress: Progress | None = None) -> Scene:
         """Return a scene made ready.
 
         Parameters
@@ -79,7 +79,7 @@ class World:
         progress : callable, optional
             Told the share done, 0 to 1.
         """
-        return _Maker(spec, Path() if folder is None else folder, progress or (lambda share: None)).world()
+        return _Maker(spec, Path() if folder is None else folder, progress or (lambda share: None)).scene()
 
     @property
     def needle_diameter_mm(self) -> float:
@@ -119,17 +119,17 @@ class _Matter:
     tissues: TissueMap | None = None
     labels: Volume | None = None
     names: Mapping[int, str] | None = None
-    scene: Scene | None = None
+    phantom: Phantom | None = None
     """What a synthetic picture is of."""
 
 
 class _Maker:
-    """Makes a world from a scene file, step by step."""
+    """Makes a scene ready from its file, step by step."""
 
     def __init__(self, spec: SceneFile, folder: Path, progress: Progress) -> None:
         self.spec, self.folder, self.progress = spec, folder, progress
 
-    def world(self) -> World:
+    def scene(self) -> Scene:
         spec = self.spec
         self.progress(0.05)
         matter = {"labels": self._labels, "volume": self._volume}.get(spec.tissue.source, self._phantom)()
@@ -139,15 +139,15 @@ class _Maker:
         probe = _probe(spec)
         targets = {part.name: np.array(part.at) for part in spec.targets} or dict(matter.targets)
         tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
-        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.scene is not None)
+        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.phantom is not None)
         start = _start(spec, probe, edge=limits.needle["u"][1])
         limits.check(start)
         self.progress(0.9)
-        return World(
+        return Scene(
             spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
             targets=targets, start=start, limits=limits,
             draw=partial(_meshes, spec, matter, frame),
-            prepare=_nothing if matter.scene is None else matter.scene.prepare,
+            prepare=_nothing if matter.phantom is None else matter.phantom.prepare,
         )  # fmt: skip
 
     def _phantom(self) -> _Matter:
@@ -155,11 +155,11 @@ class _Maker:
         self.progress(0.5)
         low, high = made.box
         grid = Grid.covering(high - low, nodes=self.spec.tissue.nodes, origin=low)
-        coarse = _coarser(made.scene.labels)
+        coarse = _coarser(made.phantom.labels)
         tissues = None if made.homogeneous else TissueMap.named(coarse, made.names, self._materials())
         return _Matter(
-            grid=grid, see=self._synthetic(made.scene), targets=made.targets, tissues=tissues,
-            labels=None if made.homogeneous else coarse, names=made.names, scene=made.scene,
+            grid=grid, see=self._synthetic(made.phantom), targets=made.targets, tissues=tissues,
+            labels=None if made.homogeneous else coarse, names=made.names, phantom=made.phantom,
         )  # fmt: skip
 
     def _labels(self) -> _Matter:
@@ -171,18 +171,18 @@ class _Maker:
         ct = None if (file := self._file("ct")) is None else read_volume(file, name="ct")
         materials = self._materials()
         with labels_named(path):
-            scene = scene_from_organs(labels, {n: name for n, name in names.items() if n}, ct=ct)
+            phantom = phantom_from_organs(labels, {n: name for n, name in names.items() if n}, ct=ct)
             tissues = TissueMap.named(labels, names, materials)
         self.progress(0.6)
         grid = self._box(labels)
         return _Matter(
             grid=grid,
-            see=self._synthetic(scene),
+            see=self._synthetic(phantom),
             targets=_middle(grid),
             tissues=tissues,
             labels=labels,
             names=names,
-            scene=scene,
+            phantom=phantom,
         )
 
     def _volume(self) -> _Matter:
@@ -200,11 +200,11 @@ class _Maker:
             targets=_middle(grid),
         )  # fmt: skip
 
-    def _synthetic(self, scene: Scene) -> Callable[[Probe, Array], Imager]:
+    def _synthetic(self, phantom: Phantom) -> Callable[[Probe, Array], Imager]:
         shown = self.spec.display
         display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db)
         echo = self._echo()
-        return partial(SyntheticImager.of, scene, display=display, echo=echo)
+        return partial(SyntheticImager.of, phantom, display=display, echo=echo)
 
     def _echo(self) -> NeedleEcho:
         return LOOKS[self.spec.needle.look]()
@@ -252,12 +252,12 @@ def _probe(spec: SceneFile) -> Probe:
     return _PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
 
 
-def _start(spec: SceneFile, probe: Probe, *, edge: float) -> Wish:
+def _start(spec: SceneFile, probe: Probe, *, edge: float) -> Command:
     part, u = spec.needle, edge / 2 if spec.needle.u is None else spec.needle.u
-    return Wish(
-        needle=NeedleWish(u=u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
-        probe=ProbeWish(slide=spec.probe.slide),
-        image=ImageWish(
+    return Command(
+        needle=NeedleCommand(u=u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
+        probe=ProbeCommand(slide=spec.probe.slide),
+        image=ImageSettings(
             gain=0.0, depth=probe.depth_mm, frequency=probe.frequency_mhz, focus=probe.elevation_focus_mm
         ),
     )  # fmt: skip

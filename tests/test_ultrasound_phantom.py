@@ -8,21 +8,21 @@ from builds import needs_core
 from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
-from sonospline.ultrasound import Probe, Scene, Ultrasound, kidney_phantom
+from sonospline.ultrasound import Phantom, Probe, Scanner, kidney_phantom
 from sonospline.ultrasound.acoustics import TISSUES, known, read_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
 from sonospline.ultrasound.kidney import LABELS
-from sonospline.ultrasound.organs import read_organ_names, scene_from_organs, tissue_of
+from sonospline.ultrasound.organs import phantom_from_organs, read_organ_names, tissue_of
 
 
 @pytest.fixture(scope="module")
-def phantom():
+def kidney():
     return kidney_phantom(spacing_mm=1.0)
 
 
 @pytest.fixture(scope="module")
-def kidney_image(phantom):
-    return Ultrasound(phantom.scene, Probe.curvilinear(lines=128, samples=1024), phantom.probe_pose).render()
+def kidney_image(kidney):
+    return Scanner(kidney.phantom, Probe.curvilinear(lines=128, samples=1024), kidney.probe_pose).render()
 
 
 # --- labels and tissues ---
@@ -50,20 +50,20 @@ def test_every_default_tissue_is_plausible_and_names_its_source():
 def test_a_label_without_properties_is_named_with_the_known_ones(voxels, tissues, message):
     labels = Volume(voxels=np.broadcast_to(voxels, (2, 2, 2)).copy(), spacing=(1, 1, 1))
     with pytest.raises(ValueError, match=message):
-        Scene(labels, tissues)
+        Phantom(labels, tissues)
 
 
 def test_labels_must_be_a_volume():
     with pytest.raises(ValueError, match="not a Volume"):
-        Scene(np.zeros((3, 3, 3), np.uint8), {0: "liver"})
+        Phantom(np.zeros((3, 3, 3), np.uint8), {0: "liver"})
 
 
 def test_interfaces_lie_on_the_step_and_point_across_it():
     """A ball: points on its surface, normals along the radius, area in sum."""
     x, y, z = np.indices((48, 48, 48)) - 23.5
     ball = (x**2 + y**2 + z**2 < 15**2).astype(np.uint8)
-    scene = Scene(Volume(voxels=ball, spacing=(0.8,) * 3), {0: "liver", 1: "fat"})
-    found = scene.interfaces
+    phantom = Phantom(Volume(voxels=ball, spacing=(0.8,) * 3), {0: "liver", 1: "fat"})
+    found = phantom.interfaces
     from_centre = found.points - 23.5 * 0.8
     radius = np.linalg.norm(from_centre, axis=1)
     assert radius.mean() == pytest.approx(12, abs=0.1)
@@ -86,25 +86,25 @@ def test_the_core_and_its_twin_find_the_same_interfaces(spacing, monkeypatch):
     """Larger than a block of the core, and a slab of the twin, along one axis each."""
     x, y, z = np.indices((60, 36, 34)) - np.array([29.5, 17.5, 16.5])[:, None, None, None]
     labels = (x**2 / 4 + y**2 + z**2 < 200).astype(np.uint8) + 2 * (z > 10)
-    scene = Scene(
+    phantom = Phantom(
         Volume(voxels=labels.astype(np.uint8), spacing=spacing), {0: "liver", 1: "fat", 2: "bone", 3: "urine"}
     )
     found = {}
     for name in ("native", "twin"):
         monkeypatch.setattr(_core, "active", getattr(_core, name))
-        found[name] = sorted_rows(*scene.echoes.interfaces())
+        found[name] = sorted_rows(*phantom.echoes.interfaces())
     assert len(found["twin"]) > 2000
     np.testing.assert_allclose(found["native"], found["twin"], atol=1e-4)
 
 
-def test_a_look_does_not_depend_on_the_looks_before_it(phantom):
-    """Interfaces are found where a probe looks; one that saw all of the scene before sees the same."""
+def test_a_look_does_not_depend_on_the_looks_before_it(kidney):
+    """Interfaces are found where a probe looks; one that saw all of the phantom before sees the same."""
 
-    def look(scene, across):
+    def look(phantom, across):
         pose = facing((58, 50 + across, 8), depth=(0, 0, 1), right=(1, 0, 0))
-        return Ultrasound(scene, Probe.curvilinear(lines=64, samples=1024), pose).render().iq
+        return Scanner(phantom, Probe.curvilinear(lines=64, samples=1024), pose).render().iq
 
-    fresh, prepared = (Scene(phantom.scene.labels, phantom.scene.tissues) for _ in range(2))
+    fresh, prepared = (Phantom(kidney.phantom.labels, kidney.phantom.tissues) for _ in range(2))
     prepared.prepare()
     for across in (0, 30, -10):
         np.testing.assert_array_equal(look(fresh, across), look(prepared, across))
@@ -113,71 +113,71 @@ def test_a_look_does_not_depend_on_the_looks_before_it(phantom):
 # --- the phantom ---
 
 
-def test_the_kidney_has_the_size_and_the_parts_of_one(phantom):
-    ml = np.bincount(phantom.scene.bytes.ravel(), minlength=13) * 1e-3
+def test_the_kidney_has_the_size_and_the_parts_of_one(kidney):
+    ml = np.bincount(kidney.phantom.bytes.ravel(), minlength=13) * 1e-3
     by_name = {name: ml[label] for label, name in LABELS.items()}
     assert set(np.flatnonzero(ml)) == set(LABELS)
-    kidney = sum(by_name[name] for name in ("kidney cortex", "kidney medulla", "sinus fat", "urine"))
-    assert 105 < kidney < 150
+    size = sum(by_name[name] for name in ("kidney cortex", "kidney medulla", "sinus fat", "urine"))
+    assert 105 < size < 150
     assert 4.5 < by_name["kidney medulla"] < 40
-    along = np.flatnonzero((phantom.scene.bytes == 7).any(axis=(1, 2)))
+    along = np.flatnonzero((kidney.phantom.bytes == 7).any(axis=(1, 2)))
     assert 95 < np.ptp(along) < 115
 
 
-def test_a_kept_phantom_is_the_one_that_is_made(phantom, tmp_path, monkeypatch, caplog):
+def test_a_kept_phantom_is_the_one_that_is_made(kidney, tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
     for _ in range(2):  # made, then read
-        assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).scene.bytes, phantom.scene.bytes)
+        assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).phantom.bytes, kidney.phantom.bytes)
     (file,) = tmp_path.glob("kidney-*.npy")
     file.write_bytes(b"spoilt")
-    assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).scene.bytes, phantom.scene.bytes)
+    assert np.array_equal(kidney_phantom(spacing_mm=1.0, kept=True).phantom.bytes, kidney.phantom.bytes)
     assert "cannot be used and will be made anew" in caplog.text
 
 
-def test_targets_lie_in_calyces_and_the_needle_reaches_one(phantom):
-    lattice = phantom.scene.labels.lattice
-    for target in phantom.targets.values():
+def test_targets_lie_in_calyces_and_the_needle_reaches_one(kidney):
+    lattice = kidney.phantom.labels.lattice
+    for target in kidney.targets.values():
         index = tuple(np.rint(lattice.local(target[None])[0]).astype(int))
-        assert LABELS[phantom.scene.bytes[index]] == "urine"
-    assert np.array_equal(phantom.needle.tip, phantom.targets["lower calyx"])
-    assert 90 < phantom.needle.depth < 130
-    assert phantom.grid(5000).contains(phantom.needle.entry[None]).all()
+        assert LABELS[kidney.phantom.bytes[index]] == "urine"
+    assert np.array_equal(kidney.needle.tip, kidney.targets["lower calyx"])
+    assert 90 < kidney.needle.depth < 130
+    assert kidney.grid(5000).contains(kidney.needle.entry[None]).all()
     with pytest.raises(ValueError, match="too coarse"):
         kidney_phantom(spacing_mm=9.0)
 
 
-def grey_of(image, phantom, name, *, inside_by=2):
+def grey_of(image, kidney, name, *, inside_by=2):
     """Mean grey level of the picture's pixels that show a tissue, so many pixels away from its edges."""
     from scipy.ndimage import binary_erosion
 
-    lattice = phantom.scene.labels.lattice
+    lattice = kidney.phantom.labels.lattice
     index = np.rint(lattice.local(image.frame.plane.points) / lattice.spacing).astype(int)
     inside = ((index >= 0) & (index < lattice.shape)).all(axis=1)
-    label = np.where(inside, phantom.scene.bytes[tuple(np.clip(index, 0, np.array(lattice.shape) - 1).T)], 255)
+    label = np.where(inside, kidney.phantom.bytes[tuple(np.clip(index, 0, np.array(lattice.shape) - 1).T)], 255)
     shown = (label == next(n for n, tissue in LABELS.items() if tissue == name)).reshape(image.frame.plane.shape)
     return image.frame.pixels[binary_erosion(shown, iterations=inside_by) & image.frame.mask].mean()
 
 
-def test_a_sonographer_finds_the_kidneys_parts_by_their_brightness(kidney_image, phantom):
-    grey = {name: grey_of(kidney_image, phantom, name) for name in ("sinus fat", "kidney cortex", "kidney medulla")}
-    grey["urine"] = grey_of(kidney_image, phantom, "urine", inside_by=7)  # the pelvis: ducts are narrower than the beam
+def test_a_sonographer_finds_the_kidneys_parts_by_their_brightness(kidney_image, kidney):
+    grey = {name: grey_of(kidney_image, kidney, name) for name in ("sinus fat", "kidney cortex", "kidney medulla")}
+    grey["urine"] = grey_of(kidney_image, kidney, "urine", inside_by=7)  # the pelvis: ducts are narrower than the beam
     assert grey["sinus fat"] > grey["kidney cortex"] + 25
     assert grey["kidney cortex"] > grey["kidney medulla"] + 10
     assert grey["kidney medulla"] > grey["urine"] + 15
 
 
 @pytest.mark.slow
-def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, phantom):
+def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, kidney):
     probe = kidney_image.optics.probe
     rib = probe.beam_coordinates(np.array([[27.0 - 58, 23 - 8 + 6, 0]]))[0]
     line, sample = int(rib[1]), int(rib[0] / probe.sample_mm)
     assert kidney_image.beams[line - 3 : line + 4, sample + 150 : sample + 500].mean() < 12
     assert kidney_image.beams[60:90, sample + 150 : sample + 500].mean() > 40
-    grid = phantom.grid(20_000)
-    field = ss.GridField.of(ss.Insertion(ss.Tissue(grid, entry_face="z-")).advance(phantom.needle))
-    scanner = Ultrasound(phantom.scene, probe, phantom.probe_pose)
-    without, with_needle = scanner.render(field).frame, scanner.render(field, phantom.needle).frame
-    x, y, _ = without.plane.project(phantom.needle.at(np.linspace(0.5, 0.97, 200))).T
+    grid = kidney.grid(20_000)
+    field = ss.GridField.of(ss.Insertion(ss.Tissue(grid, entry_face="z-")).advance(kidney.needle))
+    scanner = Scanner(kidney.phantom, probe, kidney.probe_pose)
+    without, with_needle = scanner.render(field).frame, scanner.render(field, kidney.needle).frame
+    x, y, _ = without.plane.project(kidney.needle.at(np.linspace(0.5, 0.97, 200))).T
     column, row = (
         np.rint((v - c) / without.plane.spacing_mm[0]).astype(int)
         for v, c in zip((x, y), without.plane.corner_mm, strict=True)
@@ -185,11 +185,11 @@ def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, phantom):
     assert with_needle.pixels[row, column].mean() > without.pixels[row, column].mean() + 20
 
 
-def test_the_scene_is_exported_for_slicer(phantom, tmp_path):
+def test_the_scene_is_exported_for_slicer(kidney, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
-    phantom.scene.write(tmp_path / "kidney.seg.nrrd", tmp_path / "tissues.csv")
+    kidney.phantom.write(tmp_path / "kidney.seg.nrrd", tmp_path / "tissues.csv")
     image = sitk.ReadImage(str(tmp_path / "kidney.seg.nrrd"))
-    assert np.array_equal(sitk.GetArrayFromImage(image).transpose(2, 1, 0), phantom.scene.bytes)
+    assert np.array_equal(sitk.GetArrayFromImage(image).transpose(2, 1, 0), kidney.phantom.bytes)
     names = {image.GetMetaData(k) for k in image.GetMetaDataKeys() if k.endswith("_Name")}
     assert names == {name for label, name in LABELS.items() if label}
     table = read_table(tmp_path / "tissues.csv")
@@ -212,7 +212,7 @@ def test_organ_names_find_their_tissue():
 def test_refining_keeps_shapes_and_rounds_them():
     x, y, z = np.indices((20, 20, 20)) - 9.5
     ball = (x**2 + y**2 + z**2 < 49).astype(np.uint8)
-    coarse = Scene(Volume(voxels=ball, spacing=(3.0,) * 3), {0: "liver", 1: "fat"})
+    coarse = Phantom(Volume(voxels=ball, spacing=(3.0,) * 3), {0: "liver", 1: "fat"})
     fine = coarse.refined(1.0)
     volumes = [np.count_nonzero(s.bytes) * np.prod(s.labels.lattice.spacing) for s in (coarse, fine)]
     assert volumes[1] == pytest.approx(volumes[0], rel=0.1)
@@ -226,14 +226,14 @@ def test_labelled_ct_is_a_scene_too(shared_data):
 
     labels, ct = (read_volume(shared_data / name) for name in ("abdomen_labels.nii.gz", "abdomen_ct.nii.gz"))
     names = read_organ_names(shared_data / "abdomen_labels.csv")
-    scene = scene_from_organs(labels, names, ct=ct, spacing_mm=2.0)
-    assert {"liver", "kidney cortex", "bone", "fat", "gel"} <= {tissue.name for tissue in scene.tissues.values()}
+    phantom = phantom_from_organs(labels, names, ct=ct, spacing_mm=2.0)
+    assert {"liver", "kidney cortex", "bone", "fat", "gel"} <= {tissue.name for tissue in phantom.tissues.values()}
     right_kidney = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]
     pose = facing(right_kidney - [-60, 0, 0], depth=(-1, 0, 0), right=(0, 1, 0))
-    image = Ultrasound(scene, Probe.curvilinear(depth_mm=100, lines=96), pose).render()
+    image = Scanner(phantom, Probe.curvilinear(depth_mm=100, lines=96), pose).render()
     assert 10 < image.frame.pixels[image.frame.mask].mean() < 140
     with pytest.raises(ValueError, match="label 2 has no name"):
-        scene_from_organs(labels, {k: v for k, v in names.items() if k != 2}, ct=ct)
+        phantom_from_organs(labels, {k: v for k, v in names.items() if k != 2}, ct=ct)
 
 
 # --- series ---

@@ -1,4 +1,4 @@
-"""A scene to be imaged: a label map and the acoustic properties of its labels."""
+"""A phantom to be imaged: a label map and the acoustic properties of its labels."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _COUNTED = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Phantom:
     """Tissue labels on a lattice (undeformed, world coordinates) and what each label is.
 
-    The scene may be wider than the mechanical box: beyond a pinned face nothing moves.
+    The phantom may be wider than the mechanical box: beyond a pinned face nothing moves.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ class Scene:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.ultrasound import Scene
+    >>> from sonospline.ultrasound import Phantom
     >>> from sonospline.geometry.volume import Volume
-    >>> Scene.uniform("liver", size_mm=(60, 20, 60)).tissues[0].name
+    >>> Phantom.uniform("liver", size_mm=(60, 20, 60)).tissues[0].name
     'liver'
     """
 
@@ -82,7 +82,7 @@ class Scene:
     @classmethod
     def uniform(
         cls, tissue: str | AcousticTissue, *, size_mm: tuple[float, float, float], spacing_mm: float = 1.0
-    ) -> Scene:
+    ) -> Phantom:
         """Return a box of one tissue, its first voxel at the origin of the world."""
         shape = tuple(max(2, round(side / spacing_mm) + 1) for side in size_mm)
         labels = Volume(voxels=np.zeros(shape, np.uint8), spacing=(spacing_mm,) * 3)
@@ -115,7 +115,7 @@ class Scene:
 
     @property
     def echoes(self) -> Any:
-        """The core's part of the scene, which chooses scatterers; made once for each backend."""
+        """The core's part of the phantom, which chooses scatterers; made once for each backend."""
         backend = _core.backend()
         if backend not in self._echoes:
             tables = (self.table(name) for name in ("impedance", "backscatter_db", "texture_db", "texture_mm"))
@@ -135,8 +135,8 @@ class Scene:
         )
         return [int(label) for label in np.flatnonzero(counts)]
 
-    def refined(self, spacing_mm: float) -> Scene:
-        """Return the same scene on a finer lattice, its surfaces rounded instead of stepped.
+    def refined(self, spacing_mm: float) -> Phantom:
+        """Return the same phantom on a finer lattice, its surfaces rounded instead of stepped.
 
         Each label's indicator is interpolated linearly, slightly smoothed, and the largest one wins.
         """
@@ -161,7 +161,7 @@ class Scene:
             winner[window][wins] = label
         spacing = tuple(h * (n - 1) / (m - 1) for h, n, m in zip(lattice.spacing, lattice.shape, shape, strict=True))
         finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)  # type: ignore[arg-type]
-        return Scene(finer, self.tissues)
+        return Phantom(finer, self.tissues)
 
     def write(self, labels: str | Path, table: str | Path) -> None:
         """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""
