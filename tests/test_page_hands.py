@@ -91,7 +91,7 @@ def test_touch_lever_pad_and_inset(drive):
     page.locator(".swap").tap()
     driver.until("document.body.classList.contains('swapped')")
     page.get_by_role("button", name="Grid").tap()
-    driver.until("document.querySelector('[data-command=grid]').getAttribute('aria-pressed') === 'true'")
+    driver.until("document.querySelector('[data-action=grid]').getAttribute('aria-pressed') === 'true'")
     page.locator(".image-pane").tap()
     driver.until("!document.body.classList.contains('swapped')")
     page.get_by_role("button", name="Freeze").tap()

@@ -2,7 +2,7 @@
 
 import { AXES, limits, read, type AxisId } from "./axes";
 import { Goals } from "./goals";
-import type { CommandId } from "./keys";
+import type { ActionId } from "./keys";
 import { Motion, PACE, type Pace } from "./motion";
 import { RESTORE, type Session } from "./session";
 import { Signal } from "./signal";
@@ -45,8 +45,8 @@ export class Desk {
       if (status !== "live") this.stop();
     });
     session.sceneReady.on(() => this.flip("placing", false));
-    session.wished.on((wish) => {
-      if (wish.needle.depth > 0 && this.goal("push") !== 0) this.flip("placing", false);
+    session.commanded.on((command) => {
+      if (command.needle.depth > 0 && this.goal("push") !== 0) this.flip("placing", false);
     });
     session.limited.on(([axis, sign]) => {
       this.motion.stopAxis(axis, sign);
@@ -147,9 +147,9 @@ export class Desk {
     this.switched.emit(this.switches);
   }
 
-  run(command: CommandId): void {
+  run(action: ActionId): void {
     const { session } = this;
-    switch (command) {
+    switch (action) {
       case "skin":
         return this.withdraw();
       case "entry":
@@ -173,11 +173,11 @@ export class Desk {
       case "grid":
       case "colours":
       case "probeView":
-        return this.flip(command);
+        return this.flip(action);
       case "nextModel":
         return this.chooseModel(this.nextModel());
       default:
-        return this.chooseModel(Number(command.at(-1)) - 1);
+        return this.chooseModel(Number(action.at(-1)) - 1);
     }
   }
 

@@ -2,7 +2,7 @@
 
 import type { AxisId } from "./axes";
 
-export const COMMANDS = {
+export const ACTIONS = {
   skin: "Pull back to the skin",
   entry: "New entry",
   undo: "Undo pass",
@@ -21,18 +21,18 @@ export const COMMANDS = {
   nextModel: "Next model",
 } as const;
 
-export type CommandId = keyof typeof COMMANDS;
+export type ActionId = keyof typeof ACTIONS;
 
 export type Binding =
   | { does: "axis"; axis: AxisId; sign: 1 | -1 }
-  | { does: "command"; command: CommandId }
+  | { does: "action"; action: ActionId }
   | { does: "pace"; pace: "slow" | "fast" };
 
 const pair = (axis: AxisId, down: string, up: string): [string, Binding][] => [
   [down, { does: "axis", axis, sign: -1 }],
   [up, { does: "axis", axis, sign: 1 }],
 ];
-const command = (code: string, id: CommandId): [string, Binding] => [code, { does: "command", command: id }];
+const action = (code: string, id: ActionId): [string, Binding] => [code, { does: "action", action: id }];
 
 export const KEYS: ReadonlyMap<string, Binding> = new Map([
   ...pair("push", "ArrowUp", "ArrowDown"),
@@ -46,21 +46,21 @@ export const KEYS: ReadonlyMap<string, Binding> = new Map([
   ...pair("gain", "Minus", "Equal"),
   ...pair("focus", "Semicolon", "Quote"),
   ...pair("frequency", "Digit9", "Digit0"),
-  command("Home", "skin"),
-  command("KeyN", "entry"),
-  command("KeyU", "undo"),
-  command("KeyB", "recentre"),
-  command("Space", "freeze"),
-  command("KeyR", "reset"),
-  command("Slash", "help"),
-  command("Escape", "close"),
-  command("KeyO", "guides"),
-  command("KeyG", "grid"),
-  command("KeyK", "colours"),
-  command("KeyP", "probeView"),
-  command("Digit1", "model1"),
-  command("Digit2", "model2"),
-  command("Digit3", "model3"),
+  action("Home", "skin"),
+  action("KeyN", "entry"),
+  action("KeyU", "undo"),
+  action("KeyB", "recentre"),
+  action("Space", "freeze"),
+  action("KeyR", "reset"),
+  action("Slash", "help"),
+  action("Escape", "close"),
+  action("KeyO", "guides"),
+  action("KeyG", "grid"),
+  action("KeyK", "colours"),
+  action("KeyP", "probeView"),
+  action("Digit1", "model1"),
+  action("Digit2", "model2"),
+  action("Digit3", "model3"),
   ["ShiftLeft", { does: "pace", pace: "slow" }],
   ["ShiftRight", { does: "pace", pace: "slow" }],
   ["KeyF", { does: "pace", pace: "fast" }],
@@ -77,11 +77,11 @@ export function cap(code: string): string {
   return CAPS[code] ?? code.replace(/^(Key|Digit)/, "");
 }
 
-/** The key of an axis' direction or of a command. */
-export function keyOf(wanted: { axis: AxisId; sign: 1 | -1 } | CommandId): string {
+/** The key of an axis' direction or of an action. */
+export function keyOf(wanted: { axis: AxisId; sign: 1 | -1 } | ActionId): string {
   for (const [code, binding] of KEYS) {
     if (typeof wanted === "string") {
-      if (binding.does === "command" && binding.command === wanted) return cap(code);
+      if (binding.does === "action" && binding.action === wanted) return cap(code);
     } else if (binding.does === "axis" && binding.axis === wanted.axis && binding.sign === wanted.sign) return cap(code);
   }
   return "";

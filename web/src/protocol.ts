@@ -6,7 +6,7 @@ export interface NeedlePose { u: number; v: number; angle: number; swing: number
 export interface ProbePose { slide: number; sweep: number; rotate: number; fan: number }
 export interface ImageSettings { gain: number; depth: number; frequency: number; focus: number }
 
-/** The whole wish of the hand, or what is in force. */
+/** The whole command of the hand, or what is in force. */
 export interface State { needle: NeedlePose; probe: ProbePose; image: ImageSettings; frozen: boolean }
 
 export type Range = readonly [number, number];

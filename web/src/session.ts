@@ -1,4 +1,4 @@
-/** One person at one simulator: the scene, the wish of the hand, and the frames that answer it. */
+/** One person at one simulator: the scene, the command of the hand, and the frames that answer it. */
 
 import { put, read, type AxisId } from "./axes";
 import { Connection, type Loss } from "./connection";
@@ -6,7 +6,7 @@ import { Meter } from "./latency";
 import { bounded, letGo } from "./lead";
 import type { Frame, Geometry, Hello, Loading, Notice, Refused, Scene, ServerText, State } from "./protocol";
 import { Signal } from "./signal";
-import { adopt, limited, same } from "./wish";
+import { adopt, limited, same } from "./command";
 
 export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
 
@@ -28,7 +28,7 @@ export class Session {
   scene: Scene | null = null;
   model = "";
   target = "";
-  wish: State | null = null;
+  command: State | null = null;
   /** The last frame drawn. */
   frame: Frame | null = null;
   status: Status = "connecting";
@@ -45,7 +45,7 @@ export class Session {
   /** An image is there to be drawn. */
   readonly arrived = new Signal<void>();
   readonly drawn = new Signal<Frame>();
-  readonly wished = new Signal<State>();
+  readonly commanded = new Signal<State>();
   /** The server did not follow an axis that was going this way. */
   readonly limited = new Signal<readonly [AxisId, 1 | -1]>();
   readonly modelChanged = new Signal<string>();
@@ -84,7 +84,7 @@ export class Session {
 
   /** Whether hands move anything: not while frozen, loading or lost, nor before there is a picture to steer by. */
   get answers(): boolean {
-    return this.status === "live" && this.wish !== null && this.frame !== null;
+    return this.status === "live" && this.command !== null && this.frame !== null;
   }
 
   /** Whether the picture and its numbers are of what is chosen: after a switch they come a moment later. */
@@ -101,7 +101,7 @@ export class Session {
   }
 
   value(id: AxisId): number {
-    return this.wish ? read(this.wish, id) : 0;
+    return this.command ? read(this.command, id) : 0;
   }
 
   /** What the picture shows. */
@@ -125,16 +125,16 @@ export class Session {
   }
 
   private ask(id: AxisId, value: number): void {
-    if (!this.answers || !this.wish || !this.scene || !Number.isFinite(value)) return;
+    if (!this.answers || !this.command || !this.scene || !Number.isFinite(value)) return;
     // while the needle is in, its entry is where it went in
-    if ((id === "along" || id === "across") && this.wish.needle.depth > 0) return;
-    this.want(put(this.wish, id, value, this.scene.limits));
+    if ((id === "along" || id === "across") && this.command.needle.depth > 0) return;
+    this.want(put(this.command, id, value, this.scene.limits));
   }
 
   toggleFreeze(): void {
-    if (!this.wish || !(this.status === "live" || this.status === "frozen")) return;
-    this.want({ ...this.wish, frozen: !this.wish.frozen });
-    this.setStatus(this.wish.frozen ? "frozen" : "live");
+    if (!this.command || !(this.status === "live" || this.status === "frozen")) return;
+    this.want({ ...this.command, frozen: !this.command.frozen });
+    this.setStatus(this.command.frozen ? "frozen" : "live");
     this.lastHeard = performance.now();
   }
 
@@ -156,15 +156,15 @@ export class Session {
 
   /** The hand is where the command puts the needle, at once: a push before its frame comes must not put it back in. */
   undoPass(): void {
-    if (!this.answers || !this.wish) return;
+    if (!this.answers || !this.command) return;
     this.link.send({ type: "undo_pass" });
-    this.want({ ...this.wish, needle: { ...this.wish.needle, depth: 0 } });
+    this.want({ ...this.command, needle: { ...this.command.needle, depth: 0 } });
   }
 
   reset(): void {
     if (this.status === "frozen") this.toggleFreeze();
     this.link.send({ type: "reset" });
-    if (this.wish && this.scene) this.want(this.scene.start);
+    if (this.command && this.scene) this.want(this.scene.start);
   }
 
   restore(): void {
@@ -190,15 +190,15 @@ export class Session {
     this.link.open();
   }
 
-  /** Send the wish if it changed; called after every touch and in every animation frame. */
+  /** Send the command if it changed; called after every touch and in every animation frame. */
   flush(now: number): void {
-    if (!this.wish || !this.link.isOpen || !this.scene || now - this.lastSentAt < PACE) return;
-    if (this.lastSent && same(this.lastSent, this.wish)) return;
+    if (!this.command || !this.link.isOpen || !this.scene || now - this.lastSentAt < PACE) return;
+    if (this.lastSent && same(this.lastSent, this.command)) return;
     this.seq += 1;
-    this.link.send({ type: "state", seq: this.seq, ...this.wish });
-    this.lastSent = this.wish;
+    this.link.send({ type: "state", seq: this.seq, ...this.command });
+    this.lastSent = this.command;
     this.lastSentAt = now;
-    this.sent.set(this.seq, this.wish);
+    this.sent.set(this.seq, this.command);
     this.meter.poseSent(this.seq, now);
   }
 
@@ -227,30 +227,30 @@ export class Session {
     this.frame = frame;
     this.lastDrawnAt = now;
     this.reconcile(header.seq, header.state);
-    this.setStatus(this.wish?.frozen ? "frozen" : "live");
+    this.setStatus(this.command?.frozen ? "frozen" : "live");
     this.drawn.emit(frame);
     this.meter.frameDrawn(header.seq, performance.now());
     this.link.settle();
   }
 
-  private reconcile(seq: number, force: State): void {
+  private reconcile(seq: number, state: State): void {
     const sent = this.sent.get(seq);
     for (const old of this.sent.keys()) if (old < seq) this.sent.delete(old);
-    if (!this.wish || !sent) return;
-    const next = adopt(this.wish, sent, force);
-    for (const axis of limited(sent, force)) this.limited.emit(axis);
+    if (!this.command || !sent) return;
+    const next = adopt(this.command, sent, state);
+    for (const axis of limited(sent, state)) this.limited.emit(axis);
     // what is in force is what this number stands for from now on
-    this.sent.set(seq, force);
-    if (same(next, this.wish)) return;
-    if (seq === this.seq && same(next, force)) this.lastSent = next;
-    this.wish = next;
-    this.wished.emit(next);
+    this.sent.set(seq, state);
+    if (same(next, this.command)) return;
+    if (seq === this.seq && same(next, state)) this.lastSent = next;
+    this.command = next;
+    this.commanded.emit(next);
   }
 
   private want(next: State): void {
-    if (this.wish && same(this.wish, next)) return;
-    this.wish = next;
-    this.wished.emit(next);
+    if (this.command && same(this.command, next)) return;
+    this.command = next;
+    this.commanded.emit(next);
     this.flush(performance.now());
   }
 
@@ -285,7 +285,7 @@ export class Session {
 
   private begin(scene: Scene): void {
     // a server that kept the session says where it is; one that was started anew is told where the hand was
-    const again = this.kept && !this.resumed && this.scene?.id === scene.id ? this.wish : null;
+    const again = this.kept && !this.resumed && this.scene?.id === scene.id ? this.command : null;
     const model = this.model;
     this.scene = scene;
     this.model = scene.model;
@@ -293,12 +293,12 @@ export class Session {
     this.frame = this.early = null;
     this.pending = [];
     this.setStatus("loading");
-    this.wish = again ? { ...again, frozen: false } : scene.state;
+    this.command = again ? { ...again, frozen: false } : scene.state;
     this.lastSent = scene.state;
     this.sent.clear();
     this.sent.set(0, scene.state);
     this.sceneReady.emit(scene);
-    this.wished.emit(this.wish);
+    this.commanded.emit(this.command);
     if (again && model !== scene.model) this.chooseModel(model);
     this.tellView();
     this.kept = this.resumed = false;
@@ -311,7 +311,7 @@ export class Session {
   private kept = false;
 
   private restart(): void {
-    this.kept = this.wish !== null;
+    this.kept = this.command !== null;
     this.seq = this.awaited = 0;
     this.lastSentAt = -Infinity;
     this.sent.clear();
@@ -321,11 +321,11 @@ export class Session {
   }
 
   private refuse(message: Refused): void {
-    if (message.what === "state" && this.wish && this.scene) {
+    if (message.what === "state" && this.command && this.scene) {
       this.awaited = 0;
-      this.wish = this.frame?.header.state ?? this.scene.state;
-      this.lastSent = this.wish;
-      this.wished.emit(this.wish);
+      this.command = this.frame?.header.state ?? this.scene.state;
+      this.lastSent = this.command;
+      this.commanded.emit(this.command);
     }
     if (message.what === "scene" && this.status === "loading") this.setStatus(this.frame ? "live" : "connecting");
     this.refused.emit(message);

@@ -9,7 +9,7 @@ import { parts } from "../src/parts/words";
 import type { FrameHeader, Limits, Scene, State } from "../src/protocol";
 import { cividis, roundUp } from "../src/view3d/cividis";
 import { framed, inSight } from "../src/view3d/framing";
-import { adopt, same } from "../src/wish";
+import { adopt, same } from "../src/command";
 
 const state: State = {
   needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
@@ -32,7 +32,7 @@ describe("numbers as they are shown", () => {
   });
 });
 
-describe("wishes", () => {
+describe("commands", () => {
   it("stay within their limits", () => {
     expect(put(state, "push", 200, limits).needle.depth).toBe(150);
     expect(put(state, "push", -1, limits).needle.depth).toBe(0);
@@ -41,11 +41,11 @@ describe("wishes", () => {
   it("give way only where the server did not follow", () => {
     const sent = { ...state, needle: { ...state.needle, depth: 80, angle: 70 } };
     const force = { ...sent, needle: { ...sent.needle, depth: 76.5 } };
-    const wish = { ...sent, needle: { ...sent.needle, depth: 82, angle: 71 } };
-    const next = adopt(wish, sent, force);
+    const command = { ...sent, needle: { ...sent.needle, depth: 82, angle: 71 } };
+    const next = adopt(command, sent, force);
     expect([next.needle.depth, next.needle.angle]).toEqual([76.5, 71]);
-    expect(adopt(wish, sent, sent)).toBe(wish);
-    expect(same(next, wish)).toBe(false);
+    expect(adopt(command, sent, sent)).toBe(command);
+    expect(same(next, command)).toBe(false);
   });
 });
 

@@ -12,7 +12,7 @@ export interface NeedleInImage {
   share: number;
 }
 
-/** The needle of a wish, projected on the image. */
+/** The needle of a command, projected on the image. */
 export function needleInImage(frame: SceneFrame, pose: NeedlePose, imageToReference: Vec): NeedleInImage {
   const entry = add(add(frame.skin_origin, scale(frame.right, pose.u)), scale(frame.out, pose.v));
   const [x, y] = toFrame(imageToReference, entry);

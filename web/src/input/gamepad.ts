@@ -2,7 +2,7 @@
 
 import type { AxisId } from "../axes";
 import type { Desk } from "../desk";
-import type { CommandId } from "../keys";
+import type { ActionId } from "../keys";
 
 const DEAD_ZONE = 0.12;
 const HOLD_RESET = 1000;
@@ -11,7 +11,7 @@ const TRIGGER = 2;
 
 const MENU = 9;
 const [L3, R3] = [10, 11];
-const COMMAND_BUTTONS: readonly [number, CommandId][] = [[0, "freeze"], [1, "undo"], [2, "entry"], [3, "skin"], [8, "nextModel"]];
+const ACTION_BUTTONS: readonly [number, ActionId][] = [[0, "freeze"], [1, "undo"], [2, "entry"], [3, "skin"], [8, "nextModel"]];
 const AXIS_BUTTONS: readonly [number, AxisId, number][] = [
   [4, "rotate", -1], [5, "rotate", 1], [12, "depth", -1], [13, "depth", 1], [14, "fan", -1], [15, "fan", 1],
 ];
@@ -50,7 +50,7 @@ export class GamepadReader {
       if (pressed(1)) this.desk.run("close");
       return;
     }
-    for (const [button, command] of COMMAND_BUTTONS) if (pressed(button)) this.desk.run(command);
+    for (const [button, action] of ACTION_BUTTONS) if (pressed(button)) this.desk.run(action);
     for (const [button, axis, sign] of AXIS_BUTTONS) {
       if (pressed(button)) this.desk.press(`pad${button}`, axis, sign);
       if (released(button)) this.desk.release(`pad${button}`);

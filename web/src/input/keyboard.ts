@@ -16,7 +16,7 @@ export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
     if (binding.does === "axis") {
       held.add(event.code);
       desk.press(event.code, binding.axis, binding.sign);
-    } else if (binding.does === "command") desk.run(binding.command);
+    } else if (binding.does === "action") desk.run(binding.action);
     else {
       paces.add(event.code);
       desk.holdPace(binding.pace);

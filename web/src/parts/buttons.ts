@@ -1,34 +1,34 @@
-/** Buttons that run a command, with their key shown on hover, focus and long press. */
+/** Buttons that run an action, with their key shown on hover, focus and long press. */
 
 import type { Desk } from "../desk";
 import { h } from "../dom";
 import { icon, type IconName } from "../icons";
-import { COMMANDS, keyOf, type CommandId } from "../keys";
+import { ACTIONS, keyOf, type ActionId } from "../keys";
 import type { AxisId } from "../axes";
 import { holdable } from "../input/hold";
 import type { Pace } from "../motion";
 
-export function commandButton(desk: Desk, command: CommandId, label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
+export function actionButton(desk: Desk, action: ActionId, label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
   const button = h(
     "button",
-    { type: "button", class: `button ${className}`.trim(), "data-command": command, "data-hint": COMMANDS[command], "data-key": keyOf(command), onclick: () => desk.run(command) },
+    { type: "button", class: `button ${className}`.trim(), "data-action": action, "data-hint": ACTIONS[action], "data-key": keyOf(action), onclick: () => desk.run(action) },
     picture && icon(picture),
     h("span", {}, label),
   );
   // dimmed, not disabled: a disabled button loses the focus
-  if (NEEDS_HANDS.includes(command)) {
+  if (NEEDS_HANDS.includes(action)) {
     desk.session.statusChanged.on((status) => button.setAttribute("aria-disabled", String(status !== "live")));
   }
   return button;
 }
 
 /** What does nothing while needle and probe are held. */
-const NEEDS_HANDS: readonly CommandId[] = ["entry", "undo", "recentre"];
+const NEEDS_HANDS: readonly ActionId[] = ["entry", "undo", "recentre"];
 
-/** A command that is on or off. */
-export function toggleButton(desk: Desk, command: "guides" | "grid" | "colours" | "probeView", label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
-  const button = commandButton(desk, command, label, picture, `toggle ${className}`);
-  const refresh = () => button.setAttribute("aria-pressed", String(desk.switches[command]));
+/** An action that is on or off. */
+export function toggleButton(desk: Desk, action: "guides" | "grid" | "colours" | "probeView", label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
+  const button = actionButton(desk, action, label, picture, `toggle ${className}`);
+  const refresh = () => button.setAttribute("aria-pressed", String(desk.switches[action]));
   desk.switched.on(refresh);
   refresh();
   return button;
@@ -49,13 +49,13 @@ export function pushButton(desk: Desk, sign: 1 | -1, label: string, className: s
     const depth = session.value("push");
     button.setAttribute("aria-disabled", String(!session.answers || depth === (sign > 0 ? high : low)));
   };
-  desk.session.wished.on(refresh);
+  desk.session.commanded.on(refresh);
   desk.session.statusChanged.on(refresh);
   return button;
 }
 
 export function freezeButton(desk: Desk, className: string): HTMLButtonElement {
-  const button = commandButton(desk, "freeze", "Freeze", "freeze", `freeze ${className}`);
+  const button = actionButton(desk, "freeze", "Freeze", "freeze", `freeze ${className}`);
   const word = button.lastElementChild as HTMLElement;
   desk.session.statusChanged.on((status) => {
     const frozen = status === "frozen";

@@ -3,7 +3,7 @@
 import type { Layout } from "../layouts";
 import { IMAGE_AXES, PROBE_AXES, type Desk } from "../desk";
 import { h } from "../dom";
-import { commandButton, freezeButton, paceGroup, pushButton } from "./buttons";
+import { actionButton, freezeButton, paceGroup, pushButton } from "./buttons";
 import { stepper } from "./stepper";
 import { track } from "./track";
 
@@ -17,7 +17,7 @@ function probe(desk: Desk): HTMLElement {
   return h(
     "section",
     { class: "group probe", "aria-labelledby": "dock-probe" },
-    h("div", { class: "top" }, h("h2", { id: "dock-probe" }, "Probe"), caps(["W", "A", "S", "D"]), commandButton(desk, "recentre", "Recentre", null, "quiet")),
+    h("div", { class: "top" }, h("h2", { id: "dock-probe" }, "Probe"), caps(["W", "A", "S", "D"]), actionButton(desk, "recentre", "Recentre", null, "quiet")),
     h("div", { class: "steppers" }, ...PROBE_AXES.map((id) => stepper(desk, id))),
   );
 }
@@ -43,8 +43,8 @@ function needle(desk: Desk): HTMLElement {
       { class: "steer" },
       stepper(desk, "angle"),
       stepper(desk, "swing"),
-      commandButton(desk, "entry", "New entry", "entry", "entry"),
-      commandButton(desk, "undo", "Undo pass", "undo", "undo"),
+      actionButton(desk, "entry", "New entry", "entry", "entry"),
+      actionButton(desk, "undo", "Undo pass", "undo", "undo"),
     ),
   );
 }

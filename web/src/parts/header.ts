@@ -4,7 +4,7 @@ import { Caution } from "../caution";
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon, logo } from "../icons";
-import { commandButton, toggleButton } from "./buttons";
+import { actionButton, toggleButton } from "./buttons";
 import { modelSwitch } from "./models";
 import { scenePicker } from "./picker";
 
@@ -38,8 +38,8 @@ export class Header {
       h("span", { class: "space" }),
       this.meters,
       toggleButton(desk, "guides", "Guides", "eye", "quiet"),
-      commandButton(desk, "reset", "Reset", "clockwise", "quiet"),
-      commandButton(desk, "help", "Help", null, "help"),
+      actionButton(desk, "reset", "Reset", "clockwise", "quiet"),
+      actionButton(desk, "help", "Help", null, "help"),
     );
     this.element.querySelector(".help")?.prepend(h("b", { "aria-hidden": "true" }, "?"));
   }

@@ -107,7 +107,7 @@ function kind(code: string): string {
   const binding = KEYS.get(code);
   if (!binding) return "unused";
   if (binding.does === "pace") return "pace";
-  if (binding.does === "command") return { skin: "needle", entry: "needle", undo: "needle", recentre: "probe" }[binding.command as string] ?? "view";
+  if (binding.does === "action") return { skin: "needle", entry: "needle", undo: "needle", recentre: "probe" }[binding.action as string] ?? "view";
   return ["push", "angle", "swing"].includes(binding.axis) ? "needle" : ["slide", "sweep", "rotate", "fan"].includes(binding.axis) ? "probe" : "view";
 }
 

@@ -68,7 +68,7 @@ export class ImagePane {
       this.picture.draw(frame);
       this.drawFrame(frame.header);
     });
-    session.wished.on((wish) => this.drawWish(wish));
+    session.commanded.on((command) => this.drawCommand(command));
     session.statusChanged.on((status) => {
       toggle(this.element, "stale", status === "lost");
       toggle(this.element, "held", status !== "live");
@@ -99,7 +99,7 @@ export class ImagePane {
   }
 
   refresh(): void {
-    if (this.session.wish) this.drawWish(this.session.wish);
+    if (this.session.command) this.drawCommand(this.session.command);
   }
 
   /** px beside the sector, between two heights of the pane. */
@@ -114,15 +114,15 @@ export class ImagePane {
 
   /** Unit direction of the needle on the screen. */
   needleOnScreen(): Point | null {
-    const { frame, scene, wish } = this.session;
-    return frame && scene && wish ? needleInImage(scene.frame, wish.needle, frame.header.image_to_reference).along : null;
+    const { frame, scene, command } = this.session;
+    return frame && scene && command ? needleInImage(scene.frame, command.needle, frame.header.image_to_reference).along : null;
   }
 
   /** The entry u of a place on the skin line outside the image; null elsewhere. */
   skinAt(clientX: number, clientY: number): number | null {
-    const { frame, scene, wish } = this.session;
+    const { frame, scene, command } = this.session;
     const skin = frame && scene ? skinLine(scene.frame, frame.header.image_to_reference) : null;
-    if (!frame || !scene || !wish || !skin || !this.mapping || !this.view) return null;
+    if (!frame || !scene || !command || !skin || !this.mapping || !this.view) return null;
     const box = this.element.getBoundingClientRect();
     const [x, y] = this.mapping.back([clientX - box.left, clientY - box.top]);
     const t = (x - skin.through[0]) / (skin.along[0] || 1e-9);
@@ -130,16 +130,16 @@ export class ImagePane {
     const origin = faceOrigin(frame.header);
     const beside = x < origin[0] + this.view.face[0][0] || x > origin[0] + this.view.face[this.view.face.length - 1][0];
     if (!beside || Math.abs(y - line) * this.mapping.scale > NEAR) return null;
-    const here = needleInImage(scene.frame, wish.needle, frame.header.image_to_reference).entry;
-    return wish.needle.u + (x - here[0]) / Math.max(0.2, skin.along[0]);
+    const here = needleInImage(scene.frame, command.needle, frame.header.image_to_reference).entry;
+    return command.needle.u + (x - here[0]) / Math.max(0.2, skin.along[0]);
   }
 
   /** Where the image goes: of the frame drawn, or of the one awaited. */
   private place(): void {
-    const { scene, wish, frame } = this.session;
-    if (!scene || !wish || this.size.width === 0) return;
+    const { scene, command, frame } = this.session;
+    if (!scene || !command || this.size.width === 0) return;
     const header = frame?.header;
-    this.view = sector(scene.probe, header?.state.image.depth ?? wish.image.depth);
+    this.view = sector(scene.probe, header?.state.image.depth ?? command.image.depth);
     const raster: Raster = header ?? expected(this.view);
     const mapping = this.layOut(scene, raster);
     const { box } = mapping;
@@ -151,8 +151,8 @@ export class ImagePane {
     const origin: Point = header ? faceOrigin(header) : [-this.view.low[0], -this.view.low[1]];
     this.marks.drawWaiting(mapping, this.view, origin, !header);
     toggle(this.element, "waiting", !header);
-    this.ruler.draw(mapping, origin[1], wish.image.depth, wish.image.focus);
-    this.writeCaption(header?.state ?? wish, scene);
+    this.ruler.draw(mapping, origin[1], command.image.depth, command.image.focus);
+    this.writeCaption(header?.state ?? command, scene);
     if (header) this.drawMarks(header, scene);
   }
 
@@ -182,21 +182,21 @@ export class ImagePane {
 
   private drawMarks(header: FrameHeader, scene: Scene): void {
     const { mapping, view, session, size } = this;
-    if (!mapping || !view || !session.wish) return;
+    if (!mapping || !view || !session.command) return;
     this.marks.drawProbe(mapping, view, header, scene, size.width);
     this.drawnHandle = this.marks.drawHandle(mapping, view, header, scene, header.state.needle, 0);
     const name = scene.targets.find((target) => target.id === header.target?.id)?.name ?? "";
     this.marks.drawGuides(mapping, header, name, inPlane(header.readouts), onTarget(header.readouts, scene), size.width);
-    this.drawWish(session.wish);
+    this.drawCommand(session.command);
   }
 
-  private drawWish(wish: State): void {
+  private drawCommand(command: State): void {
     const { mapping, view } = this;
     const { frame, scene } = this.session;
     if (!mapping || !view || !frame || !scene) return;
-    const slid = this.grabbedAt === null ? 0 : wish.needle.depth - this.grabbedAt;
-    this.handleAt = this.marks.drawHandle(mapping, view, frame.header, scene, wish.needle, slid);
-    this.ruler.draw(mapping, faceOrigin(frame.header)[1], frame.header.state.image.depth, wish.image.focus);
+    const slid = this.grabbedAt === null ? 0 : command.needle.depth - this.grabbedAt;
+    this.handleAt = this.marks.drawHandle(mapping, view, frame.header, scene, command.needle, slid);
+    this.ruler.draw(mapping, faceOrigin(frame.header)[1], frame.header.state.image.depth, command.image.focus);
   }
 
   private writeCaption(state: State, scene: Scene): void {

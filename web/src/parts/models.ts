@@ -2,7 +2,7 @@
 
 import type { Desk } from "../desk";
 import { h } from "../dom";
-import { keyOf, type CommandId } from "../keys";
+import { keyOf, type ActionId } from "../keys";
 import type { Model } from "../protocol";
 import { choose, radioKeys } from "./buttons";
 
@@ -22,13 +22,13 @@ export function modelSwitch(desk: Desk): HTMLElement {
 }
 
 function modelButton(desk: Desk, model: Model, place: number): HTMLButtonElement {
-  const command = `model${place + 1}` as CommandId;
+  const action = `model${place + 1}` as ActionId;
   return h(
     "button",
     {
       type: "button", role: "radio", "data-model": model.id, "aria-disabled": String(!model.available),
       "data-hint": model.available ? model.name : `${model.name}: ${model.reason ?? "not available"}`,
-      "data-key": place < 3 ? keyOf(command) : "",
+      "data-key": place < 3 ? keyOf(action) : "",
       onclick: () => desk.session.chooseModel(model.id),
     },
     h("span", { class: "long" }, model.name),

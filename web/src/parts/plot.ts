@@ -66,10 +66,10 @@ export class MotionPlot {
     const out: SVGElement[] = [];
     for (let value = 0; value <= y.top + 1e-9; value += y.step) {
       out.push(s("path", { class: "grid-line", d: `M${px(0)} ${py(value).toFixed(1)}H${px(x.top)}` }));
-      out.push(s("text", { x: ROOM.left - 8, y: (py(value) + 4).toFixed(1), "text-anchor": "end" }, tidy(value)));
+      out.push(s("text", { x: ROOM.left - 8, y: (py(value) + 4).toFixed(1), "text-anchor": "end" }, plain(value)));
     }
     for (let value = 0; value <= x.top + 1e-9; value += x.step) {
-      out.push(s("text", { x: px(value).toFixed(1), y: this.size.height - 5, "text-anchor": value > 0 && value >= x.top ? "end" : "middle" }, tidy(value)));
+      out.push(s("text", { x: px(value).toFixed(1), y: this.size.height - 5, "text-anchor": value > 0 && value >= x.top ? "end" : "middle" }, plain(value)));
     }
     const name = (id: string) => scene?.models.find((candidate) => candidate.id === id)?.name ?? id;
     const highest = (from: number, to: number) =>
@@ -97,6 +97,6 @@ export class MotionPlot {
   }
 }
 
-function tidy(value: number): string {
+function plain(value: number): string {
   return String(Math.round(value * 1000) / 1000);
 }

@@ -5,7 +5,7 @@ import { IMAGE_AXES, type Desk } from "../desk";
 import { h } from "../dom";
 import { icon } from "../icons";
 import { draggable } from "../input/drag";
-import { commandButton, freezeButton, paceButton } from "./buttons";
+import { actionButton, freezeButton, paceButton } from "./buttons";
 import { stepper } from "./stepper";
 
 /** px from the middle to full speed. */
@@ -20,7 +20,7 @@ export function probeRail(desk: Desk): HTMLElement {
     "aside",
     { class: "rail-column probe", "aria-label": "Probe" },
     h("h2", {}, "Probe"),
-    commandButton(desk, "recentre", "Recentre", "entry"),
+    actionButton(desk, "recentre", "Recentre", "entry"),
     h("div", { class: "space" }),
     tall(desk, "fan", "Fan"),
     tall(desk, "rotate", "Rotate"),
@@ -34,7 +34,7 @@ export function needleRail(desk: Desk): HTMLElement {
     "aside",
     { class: "rail-column needle", "aria-label": "Needle" },
     h("h2", {}, "Needle"),
-    h("div", { class: "pair" }, commandButton(desk, "undo", "Undo", "undo", "stacked"), commandButton(desk, "entry", "Entry", "entry", "stacked")),
+    h("div", { class: "pair" }, actionButton(desk, "undo", "Undo", "undo", "stacked"), actionButton(desk, "entry", "Entry", "entry", "stacked")),
     tall(desk, "angle", "Angle"),
     tall(desk, "swing", "Swing"),
     h("div", { class: "space" }),

@@ -32,7 +32,7 @@ export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string):
   const root = h("div", { class: `stepper ${id}` }, buttons[0], h("label", { class: "middle" }, h("span", { class: "name" }, name), input), buttons[1]);
 
   const refresh = () => {
-    if (!session.wish || !session.scene) return;
+    if (!session.command || !session.scene) return;
     const value = session.value(id);
     const [low, high] = limits(session.scene.limits, id);
     const text = `${show(id, value)}${unit}`;
@@ -72,7 +72,7 @@ export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string):
     if (event.code === "Enter") take();
     if (event.code === "Enter" || event.code === "Escape") done();
   });
-  session.wished.on(refresh);
+  session.commanded.on(refresh);
   session.sceneReady.on(refresh);
   session.statusChanged.on(refresh);
   return root;

@@ -19,7 +19,7 @@ export function track(desk: Desk): HTMLElement {
   const pin = h("div", { class: "pin" });
   const ticks = h("div", { class: "ticks" });
   const rail = h("div", { class: "rail", role: "slider", tabindex: 0, "aria-label": "Insertion depth", "aria-valuemin": 0 }, fill, pin, goal, knob);
-  const skin = h("button", { type: "button", class: "skin", "data-command": "skin", "data-hint": "Pull back to the skin", "data-key": keyOf("skin"), onclick: () => desk.run("skin") }, "Skin");
+  const skin = h("button", { type: "button", class: "skin", "data-action": "skin", "data-hint": "Pull back to the skin", "data-key": keyOf("skin"), onclick: () => desk.run("skin") }, "Skin");
   const end = h("span", { class: "end" });
   const root = h("div", { class: "track" }, h("div", { class: "ends" }, skin, end), rail, ticks);
   const length = () => session.scene?.needle.length_mm ?? 1;
@@ -69,7 +69,7 @@ export function track(desk: Desk): HTMLElement {
       return tick;
     }));
   });
-  session.wished.on(refresh);
+  session.commanded.on(refresh);
   desk.aimed.on(aim);
   session.statusChanged.on(refresh);
   session.drawn.on((frame) => mark(frame.header));
