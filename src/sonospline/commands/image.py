@@ -33,7 +33,7 @@ from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs, read_organ_names
 from ..ultrasound.phantom import LARGEST_LABEL, Phantom
-from ..ultrasound.probe import Probe
+from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.synthesis import Display, Scanner
 from . import _folds, _limits, _points
@@ -61,7 +61,6 @@ EXAMPLES = """examples:
   sonospline image --labels organs.nii.gz --names organs.csv --ct ct.nii.gz --origin 67,20,118 --look 0,1,0 --out out
   sonospline image --volume us.mha --entry 10,20,30 --target 40,20,30 --cine 20 --out out
 """
-PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": Probe.phased}
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -293,3 +294,9 @@ def _fitting_samples(depth_mm: float, axial_sigma: float) -> int:
     least = 16 * int(np.ceil(depth_mm / (_FITTING * axial_sigma) / 16))
     most = 16 * int(depth_mm / (_FINEST * axial_sigma) / 16)
     return min(max(_SAMPLES, least), most)
+
+
+PROBES: dict[str, Callable[..., Probe]] = {
+    "curvilinear": Probe.curvilinear, "linear": Probe.linear, "phased": Probe.phased,
+}  # fmt: skip
+"""Probes by the names that scene files and the command line give them."""

@@ -17,7 +17,7 @@ from ..geometry import pose
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
-from . import needle_echo
+from . import needle_synthesis
 from .aim import aim
 from .frame import Frame
 from .needle_echo import NeedleEcho
@@ -211,11 +211,13 @@ class Scanner:
         if needle is None:
             echoes, shadow = self._no_needle
         else:
-            echoes, shadow = needle_echo.echo(self.needle_echo, needle, self.optics, self.image_to_reference, self.seed)
+            echoes, shadow = needle_synthesis.echo(
+                self.needle_echo, needle, self.optics, self.image_to_reference, self.seed
+            )
         noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
         iq, grey, picture = self._aimed.plan.render(
-            grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_echo.SHADOW_SOFT_MM,
+            grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_synthesis.SHADOW_SOFT_MM,
             noise[start:], self._noise_level, self._offset_db, self.display.range_db,
         )  # fmt: skip
         return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
