@@ -1,7 +1,6 @@
 """A number that is refused: the message asks for the right kind of number, and what it asks for is taken."""
 
 import re
-from dataclasses import fields
 from typing import get_type_hints
 
 import numpy as np
@@ -12,17 +11,18 @@ from hypothesis import strategies as st
 import sonospline as ss
 from sonospline._shown import figure, inside
 from sonospline.geometry import facing
+from sonospline.io.records import FieldError
 from sonospline.simulator import SceneFile
-from sonospline.simulator._fields import FieldError
-from sonospline.simulator.command import Command, ImageSettings, Limits, NeedleCommand, ProbeCommand
+from sonospline.simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
+from sonospline.simulator.knobs import Circumstances, Knobs
 from sonospline.simulator.scene_file import DisplayPart, ModelPart, NeedlePart, ProbePart, TissuePart
 from sonospline.ultrasound import Phantom, Probe, Scanner
 
 PARTS = {"tissue": TissuePart, "model": ModelPart, "needle": NeedlePart, "probe": ProbePart, "display": DisplayPart}
 NUMBERS = [
-    (part, entry.name, hint)
+    (part, name, hint)
     for part, kind in PARTS.items()
-    for entry, hint in ((entry, get_type_hints(kind)[entry.name]) for entry in fields(kind))
+    for name, hint in get_type_hints(kind).items()
     if hint in (int, float, float | None)
 ]
 
@@ -59,17 +59,15 @@ def test_a_figure_is_the_number(value):
 
 
 def test_a_state_just_beyond_a_limit_is_not_told_that_it_is_within():
-    wide = dict.fromkeys(("u", "v", "angle", "swing", "slide", "sweep", "rotate", "fan", "gain", "frequency"), (-9, 9))
-    limits = Limits(
-        needle={**wide, "depth": (0, 200 / 3)}, probe=wide, image={**wide, "depth": (1, 9), "focus": (1, 9)}
-    )
+    spec = SceneFile.parse(scene("needle", "length_mm", 200 / 3))
+    knobs = Knobs.of(Command, Circumstances(spec, Probe.linear(), (-9, 9), (-9, 9), synthetic=True))
     state = Command(
-        needle=NeedleCommand(u=0, v=0, angle=0, swing=0, depth=66.6667), probe=ProbeCommand(),
-        image=ImageSettings(gain=0, depth=5, frequency=5, focus=5),
+        needle=NeedleCommand(u=0, v=0, angle=90, swing=0, depth=66.6667), probe=ProbeCommand(),
+        image=ImageSettings(gain=0, depth=45, frequency=7, focus=20),
     )  # fmt: skip
     with pytest.raises(FieldError, match=r"needle.depth = 66.6667 is out of range; give 0 to 66.6666 in this scene"):
-        limits.check(state)
-    limits.check(state.with_needle(depth=66.6666))
+        knobs.check(state)
+    knobs.check(state.with_needle(depth=66.6666))
 
 
 TISSUE = ss.Tissue(ss.Grid.unit_cube(7))

@@ -102,7 +102,9 @@ def test_each_wild_value_has_one_clear_refusal(value):
     if value in ("1e-999", "-0.0", "1.5") or (value.lstrip("-").isdigit() and len(value) < 400):
         assert messages.parse(text).needle.depth == float(value)
         return
-    with pytest.raises(MessageError, match=r"needle\.depth .*; give a number|is not JSON|twice; give") as caught:
+    with pytest.raises(
+        MessageError, match=r"needle\.depth .*; give a number|is not JSON|twice; give|half a character"
+    ) as caught:
         messages.parse(text)
     assert len(str(caught.value)) < 200
 

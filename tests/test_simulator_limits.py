@@ -27,9 +27,13 @@ lines = {lines}
 """
 
 
+def ranges(session, group):
+    return {knob.field: (knob.low, knob.high) for knob in session.scene.knobs if knob.group == group}
+
+
 def show(session, rng, knobs):
     """One picture, with the probe anywhere it may be."""
-    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in session.scene.limits.probe.items()}
+    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in ranges(session, "probe").items()}
     state = session.command.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
     shot = session.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
     assert shot.image.pixels.dtype == np.uint8
@@ -39,7 +43,7 @@ def show(session, rng, knobs):
 
 def places(session, rng, between):
     """All corners of the knobs' limits, then random places between."""
-    limits = [session.scene.limits.image[name] for name in KNOBS]
+    limits = list(ranges(session, "image").values())
     yield from itertools.product(*[sorted({*ends}) for ends in limits])
     for _ in range(between):
         yield [rng.uniform(*ends) for ends in limits]
@@ -68,7 +72,7 @@ def of_a_scene_file(rng, corners):
     for kind, frequency, depth, lines, focus in corners:
         text = BLOCK.format(kind=kind, frequency=frequency, depth=depth, lines=lines, focus=focus)
         session = Session(SceneFile.parse(text))
-        low = [session.scene.limits.image[name][0] for name in KNOBS]
+        low = [low for low, _ in ranges(session, "image").values()]
         show(session, rng, low)
         show(session, rng, [0.0, depth, frequency, focus])
 
@@ -104,7 +108,7 @@ def test_usual_presets_keep_their_samples():
 @pytest.mark.parametrize("count", [15, pytest.param(250, marks=pytest.mark.slow)])
 def test_no_pose_within_the_limits_moves_tissue_further_than_the_needle_drags_it(rng, model, count):
     session = Session(SceneFile.parse(SMALL), model=model)
-    limits, side = session.scene.limits.needle, session.scene.tissue.grid.side
+    limits, side = ranges(session, "needle"), session.scene.tissue.grid.side
     wanted = {"kelvinlet": 1.2 * 0.0279, "paper": 1.05 * np.hypot(0.0266, 0.0041)}[model] * side
     moved = 0.0
     for _ in range(count):

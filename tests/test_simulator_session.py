@@ -2,10 +2,10 @@
 
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 import sonospline as ss
 from simulator_scenes import SMALL

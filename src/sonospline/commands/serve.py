@@ -114,7 +114,7 @@ def _catalog(args: argparse.Namespace) -> Any:
 def _own(args: argparse.Namespace, path: Path) -> Any:
     """The scene of a bare label map or image."""
     from ..io.files import regular_file
-    from ..simulator._fields import read
+    from ..io.records import read
     from ..simulator.scene_file import SceneFile
 
     regular_file(path, "--labels" if args.labels else "--volume", "the path of an image file")

@@ -156,7 +156,7 @@ class Connection:
             raise MessageError("state", f"seq = {message.seq} is out of order; give more than {self._seq}", message.seq)
         session, runner = self._ready("state", message.seq)
         try:
-            session.scene.limits.check(message.command)
+            session.scene.knobs.check(message.command)
         except ValueError as error:
             raise MessageError("state", str(error), message.seq) from None
         self._seq = message.seq

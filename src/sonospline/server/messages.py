@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
-from typing import Any
+import re
+from typing import Annotated, Any, get_args
 
 from .._shown import shown
-from ..simulator._fields import FieldError, read, told
+from ..io.records import FieldError, Record, Text, about, read
 from ..simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 
 LONGEST = 64 * 1024
@@ -23,15 +23,22 @@ class MessageError(ValueError):
         super().__init__(problem)
 
 
-@dataclass(frozen=True, kw_only=True)
-class State:
+def _snake(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
+
+
+class ClientText(Record, frozen=True, tag=_snake):
+    """A message by its ``type``: the name of its class."""
+
+
+class State(ClientText, frozen=True, kw_only=True):
     """The whole command, absolute."""
 
-    seq: int = told("number, larger than the last", low=0, high=MOST_SEQ)
-    needle: NeedleCommand = told("needle")
-    probe: ProbeCommand = told("probe")
-    image: ImageSettings = told("image")
-    frozen: bool = told("freeze")
+    seq: Annotated[int, about("number, larger than the last", low=0, high=MOST_SEQ)]
+    needle: NeedleCommand
+    probe: ProbeCommand
+    image: ImageSettings
+    frozen: Annotated[bool, about("freeze")]
 
     @property
     def command(self) -> Command:
@@ -39,76 +46,63 @@ class State:
         return Command(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Drawn:
+class Drawn(ClientText, frozen=True, kw_only=True):
     """A frame was drawn: credit for another one."""
 
-    frame: int = told("number of the frame", low=0, high=MOST_SEQ)
+    frame: Annotated[int, about("number of the frame", low=0, high=MOST_SEQ)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Model:
+class Model(ClientText, frozen=True, kw_only=True):
     """Let another model answer."""
 
-    model: str = told("paper, kelvinlet or elastic")
+    model: Annotated[Text, about("paper, kelvinlet or elastic")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChooseScene:
+class ChooseScene(ClientText, frozen=True, kw_only=True, tag="scene"):
     """Load another scene."""
 
-    id: str = told("one of those in hello")
+    id: Annotated[Text, about("one of those in hello")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class OpenScene:
+class OpenScene(ClientText, frozen=True, kw_only=True):
     """Load a scene file of the user's."""
 
-    name: str = told("its file's name", longest=255)
-    text: str = told("its text", longest=LONGEST)
+    name: Annotated[str, about("its file's name", longest=255)]
+    text: Annotated[str, about("its text", longest=LONGEST)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Target:
+class Target(ClientText, frozen=True, kw_only=True):
     """Aim for another target."""
 
-    id: str = told("one of the scene's")
+    id: Annotated[Text, about("one of the scene's")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class UndoPass:
+class UndoPass(ClientText, frozen=True, kw_only=True):
     """Take the needle out and forget the pass."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reset:
+class Reset(ClientText, frozen=True, kw_only=True):
     """Everything to the scene's start."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Restore:
+class Restore(ClientText, frozen=True, kw_only=True):
     """Undo a reset."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class View:
+class View(ClientText, frozen=True, kw_only=True):
     """What the page shows, and how."""
 
-    grid: bool = told("whether positions of the grid lines are wanted")
-    ahead: int = told("frames that may come before the last one was drawn", low=0, high=1, default=1)
+    grid: Annotated[bool, about("whether positions of the grid lines are wanted")]
+    ahead: Annotated[int, about("frames that may come before the last one was drawn", low=0, high=1)] = 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ping:
+class Ping(ClientText, frozen=True, kw_only=True):
     """Asks for a sign of life: frames may take long, the connection does not."""
 
 
 Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View | Ping
 
-KINDS: dict[str, type[Any]] = {
-    "state": State, "drawn": Drawn, "model": Model, "scene": ChooseScene, "open_scene": OpenScene, "target": Target,
-    "undo_pass": UndoPass, "reset": Reset, "restore": Restore, "view": View, "ping": Ping,
-}  # fmt: skip
+KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}
 
 
 def parse(text: str) -> Message:
@@ -127,7 +121,7 @@ def parse(text: str) -> Message:
         raise MessageError("message", "is not JSON; send one JSON object a message") from None
     if not isinstance(values, dict):
         raise MessageError("message", "is no JSON object; send one with a type")
-    name = values.pop("type", None)
+    name = values.get("type")
     if not isinstance(name, str) or name not in KINDS:
         raise MessageError("message", f"type = {shown(name)} is not known; send one of {', '.join(KINDS)}")
     try:

@@ -7,13 +7,15 @@ import struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import to_builtins
 from numpy.typing import NDArray
 
-from ..simulator.command import Command, Limits
+from ..simulator.command import Command
 from ..simulator.scene_file import MODELS
 from .session_pool import KEPT_S
 
 if TYPE_CHECKING:
+    from ..simulator.knobs import Knobs
     from ..simulator.scene import Scene
     from ..simulator.session import Session
     from ..simulator.shot import Shot
@@ -56,9 +58,10 @@ def scene(name: str, session: Session) -> dict[str, Any]:
         "target": session.target,
         "tolerance_mm": spec.display.tolerance_mm,
         "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
-        "limits": _limits(scene.limits),
-        "state": session.command.told,
-        "start": scene.start.told,
+        "limits": _limits(scene.knobs),
+        "knobs": to_builtins(scene.knobs.all),
+        "state": to_builtins(session.command),
+        "start": to_builtins(scene.start),
     }  # fmt: skip
 
 
@@ -81,7 +84,7 @@ def frame(shot: Shot, *, number: int, seq: int, positions: NDArray[np.float32] |
         "frame": number, "seq": seq, "rows": rows, "columns": columns, "pixel": list(shot.image.plane.spacing_mm),
         "image_to_reference": shot.image_to_reference.ravel().tolist(),
         "probe_to_reference": np.asarray(shot.probe_to_reference).ravel().tolist(),
-        "state": shot.command.told,
+        "state": to_builtins(shot.command),
         "blocked": shot.blocked,
         "needle": {"entry": shot.entry.tolist(), "tip": shot.tip.tolist(), "direction": shot.direction.tolist()},
         "target": {"id": shot.target, "now": shot.target_now.tolist(), "rest": shot.target_rest.tolist()},
@@ -124,10 +127,13 @@ def _about(mesh: Mesh) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _limits(limits: Limits) -> dict[str, Any]:
-    return {part: {key: list(pair) for key, pair in getattr(limits, part).items()} for part in vars(limits)}
+def _limits(knobs: Knobs) -> dict[str, Any]:
+    limits: dict[str, Any] = {}
+    for knob in knobs:
+        limits.setdefault(knob.group, {})[knob.field] = [knob.low, knob.high]
+    return limits
 
 
 def state_text(command: Command, seq: int) -> str:
     """Return a client's state message; for clients written in Python."""
-    return json.dumps({"type": "state", "seq": seq, **command.told})
+    return json.dumps({"type": "state", "seq": seq, **to_builtins(command)})

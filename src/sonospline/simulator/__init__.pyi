@@ -1,8 +1,8 @@
 from .command import Command as Command
 from .command import ImageSettings as ImageSettings
-from .command import Limits as Limits
 from .command import NeedleCommand as NeedleCommand
 from .command import ProbeCommand as ProbeCommand
+from .knobs import Knobs as Knobs
 from .runner import Runner as Runner
 from .runner import Stamp as Stamp
 from .scene import Scene as Scene

@@ -1,58 +1,156 @@
-"""What a person asks of the simulator, all of it at once: needle, probe, image, freeze."""
+"""What a hand asks of the simulator, all of it at once: needle, probe, image, freeze."""
 
-from __future__ import annotations
+from typing import Annotated, Self
 
-from dataclasses import dataclass, fields
-from typing import Any
+from msgspec.structs import replace
 
-from .._shown import figure, inside
-from ._fields import FieldError
-
-Range = tuple[float, float]
-_SLACK = 1e-6
+from ..io.records import Record
+from .knobs import Knob, Travel, always
 
 
-@dataclass(frozen=True, kw_only=True)
-class NeedleCommand:
+class NeedleCommand(Record, frozen=True, kw_only=True):
     """Where the needle should be: mm and degrees, seen from the skin (see :class:`SkinFrame`)."""
 
-    u: float
-    v: float
-    angle: float
-    swing: float
-    depth: float
+    u: Annotated[
+        float,
+        Knob(
+            name="Entry along the image", short="Along", help="Entry along the image", unit="mm", step=0.5, rate=20,
+            sense="left-right", down="Entry left", up="Entry right",
+        ),
+        Travel(
+            lambda scene: scene.along,
+            lambda scene: scene.along[1] / 2 if scene.spec.needle.u is None else scene.spec.needle.u,
+        ),
+    ]  # fmt: skip
+    v: Annotated[
+        float,
+        Knob(
+            name="Entry across the image", short="Across", help="Entry across the image", unit="mm", step=0.5, rate=20,
+            sense="near-far", down="Entry towards you", up="Entry away",
+        ),
+        Travel(lambda scene: scene.across, lambda scene: scene.spec.needle.v),
+    ]  # fmt: skip
+    angle: Annotated[
+        float,
+        Knob(
+            name="Angle in plane", short="Angle", help="Angle in plane", unit="°", step=0.5, rate=10, sense="turn",
+            down="Turn anticlockwise", up="Turn clockwise", keys=("ArrowLeft", "ArrowRight"), pad="right stick across",
+        ),
+        Travel(always(5.0, 175.0), lambda scene: scene.spec.needle.angle),
+    ]  # fmt: skip
+    swing: Annotated[
+        float,
+        Knob(
+            name="Swing", short="Swing", help="Swing out of plane", unit="°", step=0.5, rate=10, sense="left-right",
+            down="Swing towards you", up="Swing away", keys=("Comma", "Period"), pad="right stick along",
+        ),
+        Travel(always(-60.0, 60.0), lambda scene: scene.spec.needle.swing),
+    ]  # fmt: skip
+    depth: Annotated[
+        float,
+        Knob(
+            name="Insertion depth", short="Push", help="Push or pull back", unit="mm", step=0.5, rate=10,
+            down="Pull back", up="Push", keys=("ArrowUp", "ArrowDown"), pad="triggers",
+        ),
+        Travel(lambda scene: (0.0, scene.spec.needle.length_mm)),
+    ]  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProbeCommand:
+class ProbeCommand(Record, frozen=True, kw_only=True):
     """Where the probe should be, from its rest pose: mm and degrees."""
 
-    slide: float = 0.0
-    sweep: float = 0.0
-    rotate: float = 0.0
-    fan: float = 0.0
+    slide: Annotated[
+        float,
+        Knob(
+            name="Slide", short="Slide", help="Slide along the image", unit="mm", step=0.5, rate=20, sense="left-right",
+            down="Slide left", up="Slide right", keys=("KeyA", "KeyD"), pad="left stick across",
+        ),
+        Travel(lambda scene: scene.along, lambda scene: scene.spec.probe.slide),
+    ] = 0.0  # fmt: skip
+    sweep: Annotated[
+        float,
+        Knob(
+            name="Sweep", short="Sweep", help="Sweep across the image", unit="mm", step=0.5, rate=20, sense="near-far",
+            down="Sweep towards you", up="Sweep away", keys=("KeyS", "KeyW"), pad="left stick along",
+        ),
+        Travel(lambda scene: scene.across),
+    ] = 0.0  # fmt: skip
+    rotate: Annotated[
+        float,
+        Knob(
+            name="Rotate", short="Rotate", help="Rotate", unit="°", decimals=0, step=1, rate=20, sense="turn",
+            down="Rotate anticlockwise", up="Rotate clockwise", keys=("KeyQ", "KeyE"), pad="bumpers",
+        ),
+        Travel(always(-180.0, 180.0)),
+    ] = 0.0  # fmt: skip
+    fan: Annotated[
+        float,
+        Knob(
+            name="Fan", short="Fan", help="Fan", unit="°", decimals=0, step=1, rate=20, sense="turn",
+            down="Fan towards you", up="Fan away", keys=("KeyZ", "KeyX"), pad="d-pad across",
+        ),
+        Travel(always(-60.0, 60.0)),
+    ] = 0.0  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImageSettings:
+class ImageSettings(Record, frozen=True, kw_only=True):
     """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm."""
 
-    gain: float
-    depth: float
-    frequency: float
-    focus: float
+    gain: Annotated[
+        float,
+        Knob(
+            name="Gain", short="Gain", help="Gain", unit="dB", decimals=0, step=2, rate=12, setting=True,
+            down="Less gain", up="More gain", keys=("Minus", "Equal"),
+        ),
+        Travel(always(-30.0, 30.0)),
+    ]  # fmt: skip
+    depth: Annotated[
+        float,
+        Knob(
+            name="Depth", short="Depth", help="Depth", unit="cm", shown=10, decimals=0, step=10, rate=40, setting=True,
+            down="Less depth", up="More depth", keys=("BracketLeft", "BracketRight"), pad="d-pad along",
+        ),
+        Travel(
+            lambda scene: (max(20.0, 0.4 * scene.probe.depth_mm), min(250.0, 1.6 * scene.probe.depth_mm)),
+            lambda scene: scene.probe.depth_mm,
+        ),
+    ]  # fmt: skip
+    frequency: Annotated[
+        float,
+        Knob(
+            name="Frequency", short="Freq.", help="Frequency", unit="MHz", step=0.5, rate=2, setting=True,
+            down="Lower frequency", up="Higher frequency", keys=("Digit9", "Digit0"),
+        ),
+        Travel(
+            lambda scene: (max(1.0, scene.probe.frequency_mhz / 2), 1.6 * scene.probe.frequency_mhz)
+            if scene.synthetic
+            else (scene.probe.frequency_mhz,) * 2,
+            lambda scene: scene.probe.frequency_mhz,
+        ),
+    ]  # fmt: skip
+    focus: Annotated[
+        float,
+        Knob(
+            name="Focus", short="Focus", help="Focus", unit="cm", shown=10, step=5, rate=20, setting=True,
+            down="Focus nearer", up="Focus deeper", keys=("Semicolon", "Quote"),
+        ),
+        Travel(
+            lambda scene: (5.0, max(1.6 * scene.probe.depth_mm, scene.probe.elevation_focus_mm))
+            if scene.synthetic
+            else (scene.probe.elevation_focus_mm,) * 2,
+            lambda scene: scene.probe.elevation_focus_mm,
+        ),
+    ]  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Command:
+class Command(Record, frozen=True, kw_only=True):
     """The whole command, absolute: the newest one counts.
 
     Examples
     --------
-    >>> from dataclasses import replace
-    >>> from sonospline.simulator import ImageSettings, NeedleCommand, ProbeCommand, Command
+    >>> from sonospline.simulator import Command, ImageSettings, NeedleCommand, ProbeCommand
     >>> command = Command(needle=NeedleCommand(u=40, v=0, angle=120, swing=0, depth=0), probe=ProbeCommand(),
-    ...             image=ImageSettings(gain=0, depth=120, frequency=3.5, focus=65))
+    ...                   image=ImageSettings(gain=0, depth=120, frequency=3.5, focus=65))
     >>> command.with_needle(depth=30).needle.depth
     30
     """
@@ -62,49 +160,14 @@ class Command:
     image: ImageSettings
     frozen: bool = False
 
-    @property
-    def told(self) -> dict[str, Any]:
-        """The command as a state message has it."""
-        return {
-            "needle": vars(self.needle), "probe": vars(self.probe), "image": vars(self.image), "frozen": self.frozen,
-        }  # fmt: skip
+    def with_needle(self, **changes: float) -> Self:
+        """Return the command with some of the needle's numbers changed."""
+        return replace(self, needle=replace(self.needle, **changes))
 
-    def with_needle(self, **changes: float) -> Command:
-        """Return the command with some of the needle's metrics changed."""
-        return _changed(self, "needle", changes)
+    def with_probe(self, **changes: float) -> Self:
+        """Return the command with some of the probe's numbers changed."""
+        return replace(self, probe=replace(self.probe, **changes))
 
-    def with_probe(self, **changes: float) -> Command:
-        """Return the command with some of the probe's metrics changed."""
-        return _changed(self, "probe", changes)
-
-    def with_image(self, **changes: float) -> Command:
-        """Return the command with some of the image's metrics changed."""
-        return _changed(self, "image", changes)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What of a command makes sense in a scene: lowest and highest of each figure."""
-
-    needle: dict[str, Range]
-    probe: dict[str, Range]
-    image: dict[str, Range]
-
-    def check(self, command: Command) -> None:
-        """Raise FieldError for the first figure that is beyond its limits (or NaN)."""
-        for part in ("needle", "probe", "image"):
-            asked, allowed = getattr(command, part), getattr(self, part)
-            for entry in fields(asked):
-                value, (low, high) = getattr(asked, entry.name), allowed[entry.name]
-                if not low - _SLACK <= value <= high + _SLACK:
-                    lowest, highest = inside(low, high, slack=_SLACK)
-                    raise FieldError(
-                        (part, entry.name),
-                        f"= {figure(value)} is out of range; give {lowest} to {highest} in this scene",
-                    )
-
-
-def _changed(command: Command, part: str, changes: dict[str, float]) -> Command:
-    from dataclasses import replace
-
-    return replace(command, **{part: replace(getattr(command, part), **changes)})
+    def with_image(self, **changes: float) -> Self:
+        """Return the command with some of the image's numbers changed."""
+        return replace(self, image=replace(self.image, **changes))

@@ -23,12 +23,13 @@ from ..mechanics.tissue_material import MaterialTable, read_label_names
 from ..ultrasound.needle_echo import LOOKS, NeedleEcho
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
 from ..ultrasound.phantom import Phantom
-from ..ultrasound.probe import Probe
+from ..ultrasound.probe import PROBES, Probe
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.synthesis import Display
 from . import surfaces
-from .command import Command, ImageSettings, Limits, NeedleCommand, ProbeCommand
+from .command import Command
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
+from .knobs import Circumstances, Knobs, start
 from .organs import organs
 from .phantoms import PHANTOMS
 from .scene_file import SceneFile, SurfacePart
@@ -38,7 +39,6 @@ from .surfaces import MOST_VERTICES, Mesh
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
-_PROBES = {"linear": Probe.linear, "curvilinear": Probe.curvilinear, "phased": Probe.phased}
 _MECHANICAL_VOXEL_MM = 2.0
 _OWN_SURFACES = 8
 _NETS = 2000
@@ -60,7 +60,8 @@ class Scene:
     probe: Probe
     targets: Mapping[str, Array]
     start: Command
-    limits: Limits
+    knobs: Knobs
+    """What may be asked, and how far."""
     draw: Callable[[], tuple[Mesh, ...]]
     """Makes :attr:`meshes`."""
     prepare: Callable[[], None]
@@ -139,13 +140,14 @@ class _Maker:
         probe = _probe(spec)
         targets = {part.name: np.array(part.at) for part in spec.targets} or dict(matter.targets)
         tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
-        limits = _limits(spec, matter.grid, frame, probe, synthetic=matter.phantom is not None)
-        start = _start(spec, probe, edge=limits.needle["u"][1])
-        limits.check(start)
+        along, across = frame.sides(matter.grid)
+        circumstances = Circumstances(spec, probe, along, across, synthetic=matter.phantom is not None)
+        knobs, first = Knobs.of(Command, circumstances), start(Command, circumstances)
+        knobs.check(first)
         self.progress(0.9)
         return Scene(
             spec=spec, tissue=tissue, frame=frame, tissues=matter.tissues, see=matter.see, probe=probe,
-            targets=targets, start=start, limits=limits,
+            targets=targets, start=first, knobs=knobs,
             draw=partial(_meshes, spec, matter, frame),
             prepare=_nothing if matter.phantom is None else matter.phantom.prepare,
         )  # fmt: skip
@@ -249,39 +251,7 @@ def _meshes(spec: SceneFile, matter: _Matter, frame: SkinFrame) -> tuple[Mesh, .
 def _probe(spec: SceneFile) -> Probe:
     part = spec.probe
     focus = {} if part.focus_mm is None else {"elevation_focus_mm": part.focus_mm}
-    return _PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
-
-
-def _start(spec: SceneFile, probe: Probe, *, edge: float) -> Command:
-    part, u = spec.needle, edge / 2 if spec.needle.u is None else spec.needle.u
-    return Command(
-        needle=NeedleCommand(u=u, v=part.v, angle=part.angle, swing=part.swing, depth=0.0),
-        probe=ProbeCommand(slide=spec.probe.slide),
-        image=ImageSettings(
-            gain=0.0, depth=probe.depth_mm, frequency=probe.frequency_mhz, focus=probe.elevation_focus_mm
-        ),
-    )  # fmt: skip
-
-
-def _limits(spec: SceneFile, grid: Grid, frame: SkinFrame, probe: Probe, *, synthetic: bool) -> Limits:
-    corners = grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * grid.extent) - frame.origin
-    u, v = corners @ frame.right, corners @ frame.out
-    side = (float(u.min()), float(u.max())), (float(v.min()), float(v.max()))
-    depth, f = probe.depth_mm, probe.frequency_mhz
-    fixed = (f, f), (probe.elevation_focus_mm,) * 2
-    free = (max(1.0, 0.5 * f), 1.6 * f), (5.0, max(1.6 * depth, probe.elevation_focus_mm))
-    frequency, focus = free if synthetic else fixed
-    return Limits(
-        needle={
-            "u": side[0], "v": side[1], "angle": (5.0, 175.0), "swing": (-60.0, 60.0),
-            "depth": (0.0, spec.needle.length_mm),
-        },
-        probe={"slide": side[0], "sweep": side[1], "rotate": (-180.0, 180.0), "fan": (-60.0, 60.0)},
-        image={
-            "gain": (-30.0, 30.0), "depth": (max(20.0, 0.4 * depth), min(250.0, 1.6 * depth)),
-            "frequency": frequency, "focus": focus,
-        },
-    )  # fmt: skip
+    return PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
 
 
 def _middle(grid: Grid) -> dict[str, Array]:

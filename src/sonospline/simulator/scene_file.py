@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from ..io.files import read_text
+from ..io.records import LONGEST_LIST, FieldError, Record, Text, about, read, schema
 from ..io.toml_text import TomlError, loads
-from ._fields import FieldError, read, schema, told
+from ..ultrasound.needle_echo import LOOKS
+from ..ultrasound.probe import PROBES
 
 Triple = tuple[float, float, float]
 Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 ModelName = Literal["paper", "kelvinlet", "elastic"]
+if TYPE_CHECKING:
+    Look: TypeAlias = str
+    ProbeKind: TypeAlias = str
+else:
+    Look, ProbeKind = Literal[tuple(LOOKS)], Literal[tuple(PROBES)]
 
 MODELS: dict[str, str] = {"paper": "Paper spline", "kelvinlet": "Kelvinlet", "elastic": "Elastic"}
 LONGEST = 64 * 1024
@@ -23,97 +29,105 @@ LONGEST = 64 * 1024
 SHIPPED = ("kidney", "gel", "cube")
 
 
-@dataclass(frozen=True, kw_only=True)
-class TissuePart:
+class TissuePart(Record, frozen=True, kw_only=True):
     """What the tissue is."""
 
-    source: Source = told("a generated phantom, a label map, or a real 3-D image")
-    file: str | None = told("label map or image, seen from the scene file", default=None)
-    names: str | None = told("CSV of label, name; by default the .csv beside the label map", default=None)
-    ct: str | None = told("CT of the same patient, for voxels without a label", default=None)
-    materials: str | None = told("TOML of materials by name; others are the assumed ones", default=None)
-    stiffness_kpa: float = told("Young's modulus where there are no labels", low=1e-3, high=1e6, default=10.0)
-    voxel_mm: float = told("voxel of a generated phantom", low=0.2, high=4.0, default=0.5)
-    entry_face: Face = told("the free face, lattice axis and side; the other five are pinned", default="z-")
-    low: Triple | None = told("one corner of the mechanical box, RAS mm; by default the whole image", default=None)
-    high: Triple | None = told("the opposite corner", default=None)
-    nodes: int = told("nodes of the display grid, about", low=1000, high=500_000, default=40_000)
+    source: Annotated[Source, about("a generated phantom, a label map, or a real 3-D image")]
+    file: Annotated[Text, about("label map or image, seen from the scene file")] | None = None
+    names: Annotated[Text, about("CSV of label, name; by default the .csv beside the label map")] | None = None
+    ct: Annotated[Text, about("CT of the same patient, for voxels without a label")] | None = None
+    materials: Annotated[Text, about("TOML of materials by name; others are the assumed ones")] | None = None
+    stiffness_kpa: Annotated[float, about("Young's modulus where there are no labels", low=1e-3, high=1e6)] = 10.0
+    voxel_mm: Annotated[float, about("voxel of a generated phantom", low=0.2, high=4.0)] = 0.5
+    entry_face: Annotated[Face, about("the free face, lattice axis and side; the other five are pinned")] = "z-"
+    low: Annotated[Triple, about("one corner of the mechanical box, RAS mm; by default the whole image")] | None = None
+    high: Annotated[Triple, about("the opposite corner")] | None = None
+    nodes: Annotated[int, about("nodes of the display grid, about", low=1000, high=500_000)] = 40_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelPart:
+class ModelPart(Record, frozen=True, kw_only=True):
     """How the tissue answers."""
 
-    use: ModelName = told("the model at the start", default="elastic")
-    solver_nodes: int = told("nodes of the elastic solver, about", low=1000, high=200_000, default=15_625)
-    drag_mm: float | None = told("displacement at the shaft, Kelvinlet", low=0.0, high=50.0, default=None)
-    poissons_ratio: float = told("of homogeneous tissue", low=0.0, high=0.49, default=0.45)
+    use: Annotated[ModelName, about("the model at the start")] = "elastic"
+    solver_nodes: Annotated[int, about("nodes of the elastic solver, about", low=1000, high=200_000)] = 15_625
+    drag_mm: Annotated[float, about("displacement at the shaft, Kelvinlet", low=0.0, high=50.0)] | None = None
+    poissons_ratio: Annotated[float, about("of homogeneous tissue", low=0.0, high=0.49)] = 0.45
 
 
-@dataclass(frozen=True, kw_only=True)
-class NeedlePart:
+class NeedlePart(Record, frozen=True, kw_only=True):
     """The needle and where it starts."""
 
-    look: Literal["trocar", "echogenic-2mm", "steel-2mm", "steel-1mm"] = told("how it looks", default="trocar")
-    length_mm: float = told("length from hub to tip", low=10.0, high=400.0, default=150.0)
-    u: float | None = told("entry to the right of the probe's place, mm; half way to the edge by default", low=-500.0,
-                           high=500.0, default=None)  # fmt: skip
-    v: float = told("entry away from the viewer, mm", low=-500.0, high=500.0, default=0.0)
-    angle: float = told("to the right 0, straight down 90, to the left 180 degrees", low=5.0, high=175.0, default=120.0)
-    swing: float = told("out of the image plane, degrees", low=-60.0, high=60.0, default=0.0)
+    look: Annotated[Look, about("how it looks")] = "trocar"
+    length_mm: Annotated[float, about("length from hub to tip", low=10.0, high=400.0)] = 150.0
+    u: (
+        Annotated[
+            float,
+            about(
+                "entry to the right of the probe's place, mm; half way to the edge by default", low=-500.0, high=500.0
+            ),
+        ]
+        | None
+    ) = None
+    v: Annotated[float, about("entry away from the viewer, mm", low=-500.0, high=500.0)] = 0.0
+    angle: Annotated[float, about("to the right 0, straight down 90, to the left 180 degrees", low=5.0, high=175.0)] = (
+        120.0
+    )
+    swing: Annotated[float, about("out of the image plane, degrees", low=-60.0, high=60.0)] = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProbePart:
+class ProbePart(Record, frozen=True, kw_only=True):
     """The probe and its rest pose."""
 
-    kind: Literal["curvilinear", "linear", "phased"] = told("its beams", default="curvilinear")
-    name: str = told("what to call it", default="C5-2 curved")
-    frequency_mhz: float = told("centre frequency", low=1.0, high=20.0, default=3.5)
-    depth_mm: float = told("depth of the image", low=20.0, high=250.0, default=120.0)
-    focus_mm: float | None = told("depth where the slice is thinnest; by default as the kind", low=5.0, high=250.0,
-                                  default=None)  # fmt: skip
-    lines: int = told("beams", low=16, high=512, default=192)
-    at: Triple | None = told("point of the skin it rests on, RAS mm; the middle of the face by default", default=None)
-    right: Triple | None = told("world direction to the right in the image; along the face's longer side by default",
-                                 default=None)  # fmt: skip
-    press_mm: float = told("how deep it is pressed in", low=0.0, high=30.0, default=0.0)
-    slide: float = told("where it starts, mm to the right of its place", low=-300.0, high=300.0, default=0.0)
+    kind: Annotated[ProbeKind, about("its beams")] = "curvilinear"
+    name: Annotated[Text, about("what to call it")] = "C5-2 curved"
+    frequency_mhz: Annotated[float, about("centre frequency", low=1.0, high=20.0)] = 3.5
+    depth_mm: Annotated[float, about("depth of the image", low=20.0, high=250.0)] = 120.0
+    focus_mm: (
+        Annotated[float, about("depth where the slice is thinnest; by default as the kind", low=5.0, high=250.0)] | None
+    ) = None
+    lines: Annotated[int, about("beams", low=16, high=512)] = 192
+    at: Annotated[Triple, about("point of the skin it rests on, RAS mm; the middle of the face by default")] | None = (
+        None
+    )
+    right: (
+        Annotated[Triple, about("world direction to the right in the image; along the face's longer side by default")]
+        | None
+    ) = None
+    press_mm: Annotated[float, about("how deep it is pressed in", low=0.0, high=30.0)] = 0.0
+    slide: Annotated[float, about("where it starts, mm to the right of its place", low=-300.0, high=300.0)] = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class TargetPart:
+class TargetPart(Record, frozen=True, kw_only=True):
     """A place to reach."""
 
-    name: str = told("what to call it")
-    at: Triple = told("where it is in undeformed tissue, RAS mm")
+    name: Annotated[Text, about("what to call it")]
+    at: Annotated[Triple, about("where it is in undeformed tissue, RAS mm")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DisplayPart:
+class DisplayPart(Record, frozen=True, kw_only=True):
     """The picture's grey levels, and when a target counts as reached."""
 
-    gain_db: float = told("added to the scanner's own gain", low=-60.0, high=60.0, default=0.0)
-    range_db: float = told("black to white", low=20.0, high=100.0, default=60.0)
-    tolerance_mm: float = told("tip to target that counts as on target", low=0.1, high=50.0, default=3.0)
+    gain_db: Annotated[float, about("added to the scanner's own gain", low=-60.0, high=60.0)] = 0.0
+    range_db: Annotated[float, about("black to white", low=20.0, high=100.0)] = 60.0
+    tolerance_mm: Annotated[float, about("tip to target that counts as on target", low=0.1, high=50.0)] = 3.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class SurfacePart:
+class SurfacePart(Record, frozen=True, kw_only=True):
     """One organ of the 3-D view."""
 
-    name: str = told("what to call it")
-    tissues: tuple[str, ...] = told("names of the labels it is made of; * stands for anything")
-    colour: str = told("#rrggbb")
-    opacity: float = told("0 to 1", low=0.0, high=1.0, default=1.0)
+    name: Annotated[Text, about("what to call it")]
+    tissues: Annotated[
+        tuple[Text, ...], about("names of the labels it is made of; * stands for anything", longest=LONGEST_LIST)
+    ]
+    colour: Annotated[Text, about("#rrggbb")]
+    opacity: Annotated[float, about("0 to 1", low=0.0, high=1.0)] = 1.0
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"#[0-9a-fA-F]{6}", self.colour):
             raise FieldError(("colour",), f"= {self.colour!r} is no colour; give #rrggbb")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SceneFile:
+class SceneFile(Record, frozen=True, kw_only=True):
     """A scene, as it is written.
 
     Examples
@@ -127,15 +141,17 @@ class SceneFile:
     ('elastic', 'z-')
     """
 
-    name: str = told("what to call it")
-    description: str = told("one line about it", default="")
-    tissue: TissuePart = told("what the tissue is")
-    model: ModelPart = told("how it answers", default=ModelPart())
-    needle: NeedlePart = told("the needle", default=NeedlePart())
-    probe: ProbePart = told("the probe", default=ProbePart())
-    targets: tuple[TargetPart, ...] = told("places to reach; the phantoms have their own", default=())
-    display: DisplayPart = told("grey levels and tolerance", default=DisplayPart())
-    surfaces: tuple[SurfacePart, ...] = told("organs of the 3-D view", default=())
+    name: Annotated[Text, about("what to call it")]
+    description: Annotated[Text, about("one line about it")] = ""
+    tissue: Annotated[TissuePart, about("what the tissue is")]
+    model: Annotated[ModelPart, about("how it answers")] = ModelPart()
+    needle: Annotated[NeedlePart, about("the needle")] = NeedlePart()
+    probe: Annotated[ProbePart, about("the probe")] = ProbePart()
+    targets: Annotated[
+        tuple[TargetPart, ...], about("places to reach; the phantoms have their own", longest=LONGEST_LIST)
+    ] = ()
+    display: Annotated[DisplayPart, about("grey levels and tolerance")] = DisplayPart()
+    surfaces: Annotated[tuple[SurfacePart, ...], about("organs of the 3-D view", longest=LONGEST_LIST)] = ()
 
     def __post_init__(self) -> None:
         if self.tissue.source in ("labels", "volume") and self.tissue.file is None:
@@ -184,7 +200,7 @@ class SceneError(ValueError):
 
 def scene_schema() -> dict[str, Any]:
     """Return the JSON schema of scene files."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Sonospline scene"} | schema(SceneFile)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema(SceneFile), "title": "Sonospline scene"}
 
 
 def line_of(text: str, path: tuple[str | int, ...]) -> int | None:

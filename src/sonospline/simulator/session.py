@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from .. import _validate
@@ -157,7 +158,7 @@ class Session:
             A command beyond the scene's limits; nothing changes.
         """
         command = self.command if command is None else command
-        self.scene.limits.check(command)
+        self.scene.knobs.check(command)
         if command.frozen and self.last is not None:
             return self._freeze()
         self._thaw()
@@ -219,7 +220,7 @@ class Session:
             *before, self._metrics = self._passes
             self._passes = tuple(before)
         self._entered = None
-        self.command = replace(self.command.with_needle(depth=0.0), frozen=False)
+        self.command = structs.replace(self.command.with_needle(depth=0.0), frozen=False)
 
     def reset(self) -> None:
         """Put needle, probe, image and metrics back to the scene's start."""
@@ -237,7 +238,11 @@ class Session:
         saved = self._saved
         if saved is None or self._clock() - saved.at > RESTORE_S:
             raise ValueError(f"there is no reset of the last {RESTORE_S:g} s to undo; push the needle again")
-        self.command, self._metrics, self._passes = replace(saved.command, frozen=False), saved.metrics, saved.passes
+        self.command, self._metrics, self._passes = (
+            structs.replace(saved.command, frozen=False),
+            saved.metrics,
+            saved.passes,
+        )
         self._entered, self._saved = saved.entered, None
 
     def grant(self, command: Command) -> Granted:
@@ -249,13 +254,13 @@ class Session:
             held = _held(needle, self._entered)
             blocked = None if held == needle else "needle inside"
             needle = held
-        frame, length = self.scene.frame, self.scene.limits.needle["depth"][1]
+        frame, length = self.scene.frame, self.scene.spec.needle.length_mm
         room = room_along(self.scene.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
         if needle.depth > room:
-            needle, blocked = replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
+            needle, blocked = structs.replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
         elif needle.depth >= length:
-            needle, blocked = replace(needle, depth=length), "end of needle"
-        return Granted(replace(command, needle=needle), blocked)  # type: ignore[arg-type]
+            needle, blocked = structs.replace(needle, depth=length), "end of needle"
+        return Granted(structs.replace(command, needle=needle), blocked)  # type: ignore[arg-type]
 
     def _needle_of(self, command: NeedleCommand) -> Needle | None:
         if command.depth == 0:
@@ -333,8 +338,8 @@ class Session:
         assert self.last is not None
         if self._frozen_at is None:
             self._frozen_at = self._clock()
-        self.command = replace(self.command, frozen=True)
-        self.last = replace(self.last, command=replace(self.last.command, frozen=True))
+        self.command = structs.replace(self.command, frozen=True)
+        self.last = replace(self.last, command=structs.replace(self.last.command, frozen=True))
         return self.last
 
     def _thaw(self) -> None:
@@ -345,7 +350,7 @@ class Session:
 
 def _held(command: NeedleCommand, entered: NeedleCommand) -> NeedleCommand:
     """A needle inside keeps its entry and turns but a little from the direction it entered in."""
-    return replace(
+    return structs.replace(
         command,
         u=entered.u,
         v=entered.v,

@@ -62,6 +62,12 @@ class SkinFrame:
         """n = r x d, away from the viewer of the image."""
         return np.cross(self.right, self.depth)
 
+    def sides(self, grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return how far a grid reaches along r and along n, from the origin, mm."""
+        corners = grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * grid.extent) - self.origin
+        u, v = corners @ self.right, corners @ self.out
+        return (float(u.min()), float(u.max())), (float(v.min()), float(v.max()))
+
     def entry(self, command: NeedleCommand) -> Array:
         """Return where the needle meets the skin: origin + u r + v n."""
         return self.origin + command.u * self.right + command.v * self.out
