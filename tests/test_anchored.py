@@ -168,7 +168,7 @@ def test_an_appended_duplicate_is_refused_and_changes_nothing(backend, twin):
 
 
 def test_a_bad_residual_is_said_and_mended(monkeypatch, caplog):
-    """The factor is spoilt by hand; solve() must notice, say so, and factor anew."""
+    """The factor is spoilt by hand; solve() must notice, say so, and factor at once."""
     points, values = random_points(40), random_points(40, seed=1)
     spline = ss.PolyharmonicSpline(points[:20])
     spline.append(points[20:])
@@ -185,7 +185,7 @@ def test_a_bad_residual_is_said_and_mended(monkeypatch, caplog):
     monkeypatch.setattr(anchored.AnchoredSystem, "solve", solve)
     with caplog.at_level(logging.WARNING):
         assert np.allclose(spline.solve(values).weights, right, atol=1e-9)
-    assert "factoring all 40 landmarks anew" in caplog.text
+    assert "factoring 40 landmarks at once" in caplog.text
 
 
 def test_the_factor_of_an_insertion_follows_the_needle_in_and_out():

@@ -9,7 +9,7 @@ import sonospline as ss
 from poses import BOXES, poses
 from sonospline.mechanics import Material
 from sonospline.models.elastic import ElasticInsertion
-from sonospline.models.kelvinlet.kelvinlet import DRAG
+from sonospline.models.kelvinlet.drag import DRAG
 
 
 def box(name, face="x-", spacing=1.0):

@@ -43,8 +43,8 @@ def test_examples_run(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "name",
     [
-        *("geometry.grid", "geometry.needle", "geometry.tissue", "fields.field", "fields.kernels"),
-        *("models.spline.insertion", "models.spline.interaction", "models.spline.spline"),
+        *("geometry.grid", "geometry.needle", "geometry.tissue", "fields.field"),
+        *("models.spline.insertion", "models.spline.kernels", "models.spline.interaction", "models.spline.spline"),
     ],
 )
 def test_public_rooms_have_examples(name):

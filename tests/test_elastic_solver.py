@@ -192,7 +192,7 @@ def test_a_step_that_breaks_down_keeps_the_last_field(monkeypatch):
     field, state = insertion.advance(NEEDLE), insertion.state
 
     def broken(*_):
-        return np.full_like(state.displacement, np.nan), [np.nan], False
+        return np.full_like(state.solution.displacement, np.nan), [np.nan], False
 
     class Broken:
         iterate = staticmethod(broken)

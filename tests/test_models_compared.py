@@ -40,7 +40,7 @@ def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
     insertion = ElasticInsertion(cube(9), scene("layers", voxels=24), LineForce(), nodes=9**3)
     needles = [ss.Needle(NEEDLE.entry, NEEDLE.at(depth)) for depth in (0.5, 1.0)]
     fields = models._live(insertion, needles, frames=7)
-    assert insertion.state.frame == 7
+    assert insertion.solution.steps == 7
     for field, needle in zip(fields, needles, strict=True):
         solver = insertion.solver
         expected = solver.field(solver.solve(LineForce(), needle)).on_grid()

@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 from .. import _validate
-from ..fields.kernels import Biharmonic, Triharmonic
 from ..geometry.tissue import Tissue
 from ..mechanics.loads import LineForce
 from ..mechanics.material import Material
 from ..mechanics.tissue_map import TissueMap
 from ..models.elastic import ElasticInsertion
-from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
-from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.insertion import NeedleInsertion
+from ..models.kelvinlet import DragModel, KelvinletInsertion
+from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
+from ..models.spline.kernels import Biharmonic, Triharmonic
 from . import _limits, _parameters
 from ._progress import bar
 
@@ -105,7 +106,7 @@ def facts(insertion: NeedleInsertion, args: argparse.Namespace) -> dict[str, Any
         return {
             "solver_shape": insertion.solver.grid.shape,
             "young_kpa": _young_range(moduli.lame, moduli.shear),
-            "error_estimate": insertion.state.error,
+            "error_estimate": insertion.solution.error,
             "largest_strain": strain.largest,
             "largest_strain_ras_mm": strain.place.tolist(),
             "small_strain": strain.small,

@@ -32,7 +32,8 @@ from ..io.writing import write_json
 from ..mechanics.tissue_map import TissueMap
 from ..models.elastic import ElasticInsertion
 from ..models.elastic.strain import SMALL
-from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.insertion import NeedleInsertion
+from ..models.spline.insertion import Insertion
 from . import _folds, _limits, _models, _points
 from ._progress import track
 

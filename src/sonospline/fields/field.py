@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _memory, _validate
 from ..geometry.grid import Grid
 from . import lattice_sum
-from .kernels import Kernel
+from .kernel import Kernel
 
 Array = NDArray[np.float64]
 Method = Literal["auto", "multilevel", "accurate", "direct32", "direct"]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from ..mechanics.loads import LineForce
 from ..mechanics.material import Material
 from ..models.elastic import ElasticInsertion
-from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
-from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.insertion import NeedleInsertion
+from ..models.kelvinlet import DragModel, KelvinletInsertion
+from ..models.spline.insertion import Insertion
 from .scene import Scene
 
 SETTLED = 5e-4
@@ -31,4 +32,4 @@ def make(name: str, scene: Scene) -> NeedleInsertion:
 
 def settled(insertion: NeedleInsertion) -> bool:
     """Return whether another step at the same pose would change nothing to speak of."""
-    return not isinstance(insertion, ElasticInsertion) or insertion.state.error <= SETTLED
+    return not isinstance(insertion, ElasticInsertion) or insertion.solution.error <= SETTLED

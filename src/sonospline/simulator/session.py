@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .. import _validate
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
-from ..models.spline.insertion import NeedleInsertion
+from ..models.insertion import NeedleInsertion
 from . import models
 from .command import Command, NeedleCommand
 from .fold_check import folds

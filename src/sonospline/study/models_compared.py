@@ -16,8 +16,9 @@ from ..mechanics.loads import LineForce, ShaftDisplacement
 from ..mechanics.material import Material
 from ..models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
 from ..models.elastic.labelled_cubes import TISSUES
-from ..models.kelvinlet.kelvinlet import DragModel, KelvinletInsertion
-from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.insertion import NeedleInsertion
+from ..models.kelvinlet import DragModel, KelvinletInsertion
+from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
 from .held_shaft import held_shaft
 from .insertions import PlannedInsertion, tuning_insertions

@@ -13,7 +13,7 @@ from .. import _validate
 from ..fields.field import Method
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
-from ..models.spline.insertion import NeedleInsertion
+from ..models.insertion import NeedleInsertion
 from .insertions import PlannedInsertion
 from .metrics import Errors, displacement_errors
 

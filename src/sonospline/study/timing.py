@@ -23,8 +23,9 @@ from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..mechanics.loads import LineForce
 from ..models.elastic import ElasticInsertion, scene
-from ..models.kelvinlet.kelvinlet import KelvinletInsertion
-from ..models.spline.insertion import Insertion, NeedleInsertion
+from ..models.insertion import NeedleInsertion
+from ..models.kelvinlet import KelvinletInsertion
+from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
 from .insertions import held_out_insertions
 

@@ -1,4 +1,4 @@
-"""Elastic tissue in real time: finite elements, one multigrid iteration a frame."""
+"""Elastic tissue in real time: finite elements, one multigrid iteration a step."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from ...mechanics.loads import Load, ShaftDisplacement
 from ...mechanics.material import Material
 from ...mechanics.moduli import Moduli
 from ...mechanics.tissue_map import TissueMap
+from .._value import ByValue
 from .hierarchy import coarse_inverse, levels, pinned_faces
 from .load_vector import nodal_load
 from .solver_grid import solver_grid
@@ -26,11 +27,11 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 FIRST_ITERATIONS = 3
-"""On the first frame, and after a jump."""
+"""On the first step, and after a jump."""
 JUMP = 0.25
-"""A frame that finds the last field this wrong, relatively, has jumped."""
+"""A step that finds the last field this wrong, relatively, has jumped."""
 SAFETY = 1.4
-"""Published error over the estimate: that is 0.41 to 1.28 times the error, over scenes, insertions and frames."""
+"""Published error over the estimate: that is 0.41 to 1.28 times the error, over scenes, insertions and steps."""
 
 _ESTIMATE_EVERY = 8
 _FINEST = 1e-6
@@ -46,9 +47,9 @@ class NotConvergedError(RuntimeError):
     """A step did not converge; the state it started from is still in force."""
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticState:
-    """Where the tissue is between two frames. Made by :class:`ElasticSolver`, never changed.
+@dataclass(frozen=True, eq=False, repr=False)
+class ElasticState(ByValue):
+    """Where the tissue is between two steps. Made by :class:`ElasticSolver`, never changed.
 
     A step returns a new one, so that a step that fails leaves the old one as it was.
     """
@@ -60,19 +61,23 @@ class ElasticState:
     error: float = 0.0
     """Estimated error of the displacement, relative to itself."""
     iterations: int = 0
-    """Iterations the last frame took."""
-    frame: int = 0
-    """Frames since the needle was out."""
+    """Iterations the last step took."""
+    steps: int = 0
+    """Steps since the needle was out."""
     contraction: float = 1.0
     """Error after over error before an iteration, where it was last measured."""
 
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.displacement.shape[1:]))
+        return f"ElasticState({shape} nodes, {self.steps} steps, error={self.error:.2g})"
+
 
 class ElasticSolver:
-    """Linear elasticity with a stiffness for each cell, solved a little further at every frame.
+    """Linear elasticity with a stiffness for each cell, solved a little further at every step.
 
     Trilinear hexahedra on a grid of the solver's own, pinned faces clamped and the entry
     face free; conjugate gradients with one multigrid cycle as preconditioner, started from
-    the last frame's field. Set-up is made once for a label map and takes milliseconds.
+    the last step's field. Set-up is made once for a label map and takes milliseconds.
 
     Parameters
     ----------
@@ -144,22 +149,22 @@ class ElasticSolver:
     def step(
         self, state: ElasticState, load: Load, needle: Needle, *, iterations: int | None = None, estimate: bool = False
     ) -> ElasticState:
-        """Return the state after one frame of a load.
+        """Return the state after one step of a load.
 
         Parameters
         ----------
         state : ElasticState
-            The last frame's, or ``rest``.
+            The last step's, or ``rest``.
         load : Load
             What the needle does, such as a :class:`~sonospline.mechanics.LineForce`.
         needle : Needle
             Entry and tip, both inside the tissue.
         iterations : int, optional
-            By default one; three on the first frame and where the last field proves to be
+            By default one; three on the first step and where the last field proves to be
             off by a quarter, as after a sudden withdrawal.
         estimate : bool, default: False
             Measure the error of the new field, which costs as much as the iteration. It is
-            measured on the second and every eighth frame and after jumps anyway; in between it follows from
+            measured on the second and every eighth step and after jumps anyway; in between it follows from
             the error before the iteration, which is free, and the contraction last measured.
 
         Raises
@@ -174,8 +179,12 @@ class ElasticSolver:
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
         forces = nodal_load(load, needle, self.grid)
         if iterations is None:
-            return self._frame(state, forces, estimate)
+            return self._stepped(state, forces, estimate)
         return self._iterate(state, forces, _validate.count("iterations", iterations), estimate=True)
+
+    def advance(self, state: ElasticState, forces: Single) -> ElasticState:
+        """Return the state after one step under given forces on the nodes."""
+        return self._stepped(state, forces, estimate=False)
 
     def solve(self, load: Load, needle: Needle, *, tolerance: float = 1e-4) -> ElasticState:
         """Return the converged state of a load, from rest: the error estimate is at most ``tolerance``.
@@ -243,10 +252,10 @@ class ElasticSolver:
         missing = self._multigrid.product(state.displacement) - state.load
         return self.grid.direction @ missing[:, self._pinned].sum(axis=1, dtype=np.float64)
 
-    def _frame(self, state: ElasticState, forces: Single, estimate: bool) -> ElasticState:
-        if state.frame == 0:
+    def _stepped(self, state: ElasticState, forces: Single, estimate: bool) -> ElasticState:
+        if state.steps == 0:
             return self._iterate(state, forces, FIRST_ITERATIONS, estimate=True)
-        due = estimate or state.frame == 1 or state.frame % _ESTIMATE_EVERY == 0
+        due = estimate or state.steps == 1 or state.steps % _ESTIMATE_EVERY == 0
         found, before = self._once(state, forces, 1, due)
         if before > JUMP:
             return self._iterate(found, forces, FIRST_ITERATIONS - 1, estimate=True, already=1)
@@ -256,7 +265,7 @@ class ElasticSolver:
         self, state: ElasticState, forces: Single, iterations: int, *, estimate: bool, already: int = 0
     ) -> ElasticState:
         found, _ = self._once(state, forces, iterations, estimate)
-        return replace(found, iterations=iterations + already, frame=state.frame + (not already))
+        return replace(found, iterations=iterations + already, steps=state.steps + (not already))
 
     def _once(self, state: ElasticState, forces: Single, iterations: int, estimate: bool) -> tuple[ElasticState, float]:
         if not forces.any():
@@ -270,7 +279,7 @@ class ElasticSolver:
         displacement.setflags(write=False)
         contraction = errors[-1] / errors[-2] if estimate and errors[-2] > 0 else state.contraction
         error = SAFETY * (errors[-1] if estimate else errors[-1] * contraction)
-        return ElasticState(displacement, forces, error, iterations, state.frame + 1, contraction), errors[0]
+        return ElasticState(displacement, forces, error, iterations, state.steps + 1, contraction), errors[0]
 
     def _moduli(self) -> Moduli:
         if isinstance(self.material, Material):

@@ -1,4 +1,5 @@
-from .kelvinlet import DragModel as DragModel
-from .kelvinlet import Kelvinlet as Kelvinlet
-from .kelvinlet import KelvinletField as KelvinletField
-from .kelvinlet import KelvinletInsertion as KelvinletInsertion
+from .drag import DragModel as DragModel
+from .field import KelvinletField as KelvinletField
+from .insertion import KelvinletInsertion as KelvinletInsertion
+from .kernel import Kelvinlet as Kelvinlet
+from .model import KelvinletModel as KelvinletModel

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _core
-from ...fields.kernels import Kernel
+from ...fields.kernel import Kernel
 
 Array = NDArray[np.float64]
 
@@ -184,11 +184,11 @@ class AnchoredSystem:
             if first < size
         ]
 
-    def refactor(self) -> None:
-        """Factor everything anew."""
-        points = self._points.all.copy()
-        self.truncate(0)
-        self.append(points)
+    def at_once(self, count: int) -> AnchoredSystem:
+        """Return the system of the first ``count`` landmarks, factored in one batch."""
+        system = AnchoredSystem(self._kernel, self._base, self._diagonal)
+        system.append(self._points.all[:count].copy())
+        return system
 
     def solve(self, at_base: Array, values: Array) -> Solution:
         """Solve for values (b, 3) at the base and (n, 3) at the first n other landmarks."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _cache, _memory
-from ...fields.kernels import Kernel
+from ...fields.kernel import Kernel
 from ...geometry.grid import FACES
 from ...geometry.tissue import Tissue
 from .anchored import Base

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ... import _core, _validate
 from ...fields.field import KernelField
-from ...fields.kernels import Biharmonic, Kernel
+from ...fields.kernel import Kernel
 from ...geometry.grid import Grid
 from ...geometry.tissue import Tissue
 from .anchored import AnchoredSystem, Base, CornerBase
 from .faces import FaceBase, Progress
+from .kernels import Biharmonic
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ EPSILON_LIMIT = 0.3
 """The paper's +eps is refused from this fraction of the smallest landmark distance on;
 the system is first singular at 0.40 of the spacing of a lattice."""
 _RESIDUAL_LIMIT = 1e-9
-"""Largest residual of those equations, relative to the values, before everything is factored anew."""
+"""Largest residual of those equations, relative to the values, before everything is factored at once."""
 _ERROR_LIMIT = 1e-6
 """Largest residual after that: beyond it the landmarks are not met, and the field is worth nothing."""
 _MOST_SMOOTHING = 1e6
@@ -271,10 +272,11 @@ class PolyharmonicSpline:
         solution = self._system.solve(at_base, others)
         residual = self._system.residual(solution, others)
         if not residual <= _RESIDUAL_LIMIT:
-            logger.warning("residual %.1e: factoring all %d landmarks anew", residual, len(self.points))
-            self._system.refactor()
-            solution = self._system.solve(at_base, others)
-            residual = self._system.residual(solution, others)
+            logger.warning("residual %.1e: factoring %d landmarks at once", residual, len(values))
+            # The factor in use stays as it is: answers must not depend on what was asked before.
+            at_once = self._system.at_once(len(others))
+            solution = at_once.solve(at_base, others)
+            residual = at_once.residual(solution, others)
             if not residual <= _ERROR_LIMIT:
                 raise ValueError(f"{_uneven(self.points)} (residual {residual:.1e})")
         weights = np.concatenate([solution.base_weights, solution.weights])

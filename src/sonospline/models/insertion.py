@@ -1,0 +1,84 @@
+"""The short form of every model: one needle, pose after pose, without time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from numpy.typing import ArrayLike
+
+from .. import _validate
+from ..fields.field import Field
+from ..geometry.needle import Needle
+from .contract import Response, State, TissueModel
+
+NEEDLE = "needle"
+"""What the one needle is called in states and forces."""
+_SHORTEST_STEP = 1e-9
+"""In sides of the tissue."""
+
+
+class NeedleInsertion:
+    """A needle insertion: a model of tissue and the last response of it.
+
+    A step that fails raises and leaves the last :attr:`response` in force. Insertions pickle and
+    deep-copy, into other processes too; a copy goes on to the same bits and shares nothing that
+    changes with its original.
+
+    Parameters
+    ----------
+    tissue_model : TissueModel
+        Any model of tissue, as of :func:`sonospline.models.make`.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> from sonospline import models
+    >>> insertion = models.NeedleInsertion(models.make("kelvinlet", ss.Tissue(ss.Grid.unit_cube(25))))
+    >>> fields = list(insertion.run((0, .5, .5), (.6, .5, .5), steps=3))
+    >>> insertion.response.settled, insertion.needle.depth
+    (True, 0.6)
+    """
+
+    def __init__(self, tissue_model: TissueModel) -> None:
+        self.tissue_model = tissue_model
+        self.tissue = tissue_model.tissue
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the needle out and let the tissue return to its undeformed state."""
+        self.response: Response = self.tissue_model.step(self.tissue_model.rest)
+
+    def advance(self, needle: Needle) -> Field:
+        """Move the needle to a pose and return the field it leaves.
+
+        Raises
+        ------
+        ValueError
+            A needle outside the tissue.
+        """
+        self.response = self.tissue_model.step(self.response.state, {NEEDLE: needle})
+        return self.response.field
+
+    def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
+        """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
+        _validate.count("steps", steps)
+        whole = Needle(entry, target)
+        self.tissue.check_inside(entry=whole.entry, target=whole.tip)
+        if whole.depth / steps < _SHORTEST_STEP * self.tissue.grid.side:
+            raise ValueError(f"steps = {steps} are steps of {whole.depth / steps:.1e}; give fewer")
+        return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
+
+    @property
+    def state(self) -> State:
+        """Where the tissue is."""
+        return self.response.state
+
+    @property
+    def field(self) -> Field:
+        """The field in force."""
+        return self.response.field
+
+    @property
+    def needle(self) -> Needle | None:
+        """Where the needle is; None while it is out."""
+        return dict(self.state.needles).get(NEEDLE)

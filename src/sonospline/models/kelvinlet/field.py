@@ -1,0 +1,42 @@
+"""A field that is a sum of Kelvinlets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ... import _validate
+from ...fields.field import Field, Method
+from ...geometry.grid import Grid
+from .kernel import Kelvinlet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class KelvinletField(Field):
+    """A sum of Kelvinlets, ``u(x) = sum_j K(x - c_j) f_j``."""
+
+    kernel: Kelvinlet
+    centres: Array
+    forces: Array
+    grid: Grid
+
+    def displacement(self, points: ArrayLike) -> Array:
+        """Return u (m, 3) at world points (m, 3)."""
+        return self.kernel.sum(_validate.points("points", points), self.centres, self.forces)
+
+    def jacobian(self, points: ArrayLike) -> Array:
+        """Return the Jacobian (m, 3, 3) of the forward map, analytic."""
+        return np.eye(3) + self.kernel.gradient(_validate.points("points", points), self.centres, self.forces)
+
+    def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
+        """Return u at every node of the grid, as (nx, ny, nz, 3)."""
+        return self.displacement(self.grid.points).reshape(*self.grid.shape, 3)
+
+    @property
+    def length(self) -> float:
+        """Side of the grid."""
+        return self.grid.side
