@@ -52,10 +52,10 @@ def by_image(path):
 
 
 def by_serve(path):
-    from sonospline.simulator import Scene
+    from sonospline.simulator import make_scene
 
     scene = SceneFile.parse(f'name = "own"\n[tissue]\nsource = "labels"\nfile = "{path.name}"\nnodes = 1000')
-    return Scene.make(scene, folder=path.parent).tissues.labels
+    return make_scene(scene, folder=path.parent).tissues.labels
 
 
 @pytest.mark.parametrize("read", [by_insert, by_image, by_serve])

@@ -18,16 +18,16 @@ KILLS = 39
 ENDLESS = """
 import sys, time
 from sonospline import cli
-from sonospline.simulator.scene import Scene
+from sonospline.simulator import scene_maker
 
-real = Scene.make
+real = scene_maker.make_scene
 
 def make(spec, **options):
     if spec.name == "endless":
         time.sleep(600)  # as a reader that waits in C: no signal, no exception reaches it
     return real(spec, **options)
 
-Scene.make = make
+scene_maker.make_scene = make
 sys.exit(cli.main(["serve", "--port", "0", "--json", "--scene", "small.toml"]))
 """
 
@@ -83,9 +83,9 @@ def test_a_text_whose_page_has_left_is_not_made(running, monkeypatch):
     import threading
 
     from simulator_client import Client
-    from sonospline.simulator.scene import Scene
+    from sonospline.simulator import scene_maker
 
-    made, begun, go_on, real = [], threading.Event(), threading.Event(), Scene.make
+    made, begun, go_on, real = [], threading.Event(), threading.Event(), scene_maker.make_scene
 
     def make(spec, **options):
         made.append(spec.name)
@@ -96,7 +96,7 @@ def test_a_text_whose_page_has_left_is_not_made(running, monkeypatch):
     with Client(running) as first, Client(running) as second, Client(running) as third:
         for page in (first, second, third):
             page.ready()
-        monkeypatch.setattr(Scene, "make", make)
+        monkeypatch.setattr(scene_maker, "make_scene", make)
         for name, page in (("one", first), ("two", second), ("three", third)):
             brought = SMALL_PAPER.replace("Small block", name)
             page.send(type="open_scene", name=f"{name}.toml", text=brought)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulator_scenes import SMALL
-from sonospline.simulator import Scene, SceneError, SceneFile, Session, organs, scene_schema
+from sonospline.simulator import SceneError, SceneFile, Session, make_scene, organs, scene_schema
 from sonospline.simulator.scene_file import SHIPPED, line_of
 from sonospline.simulator.surfaces import MOST_VERTICES
 
@@ -21,7 +21,7 @@ def test_shipped_scenes_are_well_formed(name):
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene.make(SceneFile.parse(SMALL))
+    return make_scene(SceneFile.parse(SMALL))
 
 
 def test_meshes_are_closed_numbered_and_few(scene):
@@ -130,7 +130,7 @@ def test_the_documentation_names_every_key():
 )
 def test_what_does_not_fit_together_is_refused(change, says):
     with pytest.raises(ValueError, match=says):
-        Scene.make(SceneFile.parse(SMALL.replace(*change)))
+        make_scene(SceneFile.parse(SMALL.replace(*change)))
 
 
 def test_missing_files_and_unknown_names_are_refused(tmp_path):
@@ -210,7 +210,7 @@ length_mm = 60.0
 
 
 def _made(text):
-    return Scene.make(SceneFile.parse(text))
+    return make_scene(SceneFile.parse(text))
 
 
 def test_surfaces_are_kept_between_runs(scene, monkeypatch, tmp_path, caplog):

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.models.elastic import ElasticInsertion
-from sonospline.simulator import Runner, Scene, SceneFile, Session
+from sonospline.simulator import Runner, SceneFile, Session, make_scene
 from sonospline.simulator.skin_frame import SkinFrame, room_along
 from sonospline.ultrasound import Scanner
 
@@ -26,7 +26,7 @@ class Clock:
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene.make(SceneFile.parse(SMALL))
+    return make_scene(SceneFile.parse(SMALL))
 
 
 @pytest.fixture

@@ -145,18 +145,18 @@ class SceneCatalog:
         return _session(self._scene(name, progress), progress)
 
     def _scene(self, name: str, progress: Progress) -> Scene:
-        from ..simulator.scene import Scene
+        from ..simulator.scene_maker import make_scene
 
         if name not in self._made:
             entry = self.scenes[name]
-            self._made[name] = Scene.make(entry.spec, folder=entry.folder, progress=progress)
+            self._made[name] = make_scene(entry.spec, folder=entry.folder, progress=progress)
         self._made.move_to_end(name)
         while len(self._made) > _KEPT:
             self._made.popitem(last=False)
         return self._made[name]
 
     def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
-        from ..simulator.scene import Scene
+        from ..simulator.scene_maker import make_scene
         from .file_access import refuse_elsewhere
 
         def go_on(share: float) -> None:
@@ -167,7 +167,7 @@ class SceneCatalog:
         go_on(0.0)
         spec = SceneFile.parse(text, file=name)
         refuse_elsewhere(spec)
-        scene = Scene.make(spec, progress=go_on)
+        scene = make_scene(spec, progress=go_on)
         self._brought_scenes.add(scene)
         return _session(scene, go_on)
 

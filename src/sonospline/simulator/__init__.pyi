@@ -9,6 +9,7 @@ from .scene import Scene as Scene
 from .scene_file import SceneError as SceneError
 from .scene_file import SceneFile as SceneFile
 from .scene_file import scene_schema as scene_schema
+from .scene_maker import make_scene as make_scene
 from .session import Session as Session
 from .shot import Readouts as Readouts
 from .shot import Shot as Shot

@@ -25,6 +25,7 @@ from .imaging import Imager, tuned
 from .pass_metrics import PassMetrics
 from .scene import Scene
 from .scene_file import MODELS, SceneFile
+from .scene_maker import make_scene
 from .shot import Readouts, Shot
 from .skin_frame import room_along
 
@@ -364,10 +365,4 @@ def _same(a: Needle, b: Needle) -> bool:
 
 
 def _scene(scene: Scene | SceneFile | str | Path) -> Scene:
-    if isinstance(scene, Scene):
-        return scene
-    if isinstance(scene, SceneFile):
-        return Scene.make(scene)
-    if isinstance(scene, str) and not scene.endswith(".toml"):
-        return Scene.make(SceneFile.shipped(scene))
-    return Scene.make(SceneFile.read(scene), folder=Path(scene).parent)
+    return scene if isinstance(scene, Scene) else make_scene(scene)

@@ -1,0 +1,86 @@
+"""Makes a scene ready, from its file or its name."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ..geometry.tissue import Tissue
+from ..ultrasound.probe import PROBES, Probe
+from .command import Command
+from .knobs import Circumstances, Knobs, start
+from .scene import Scene
+from .scene_content import Progress, read_content
+from .scene_file import SceneFile
+from .scene_meshes import scene_meshes
+from .skin_frame import SkinFrame
+
+
+def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, progress: Progress | None = None) -> Scene:
+    """Return a scene made ready.
+
+    Parameters
+    ----------
+    scene : SceneFile, str or Path
+        The scene, the name of a shipped one (``kidney``, ``gel``, ``cube``), or a TOML file.
+    folder : Path, optional
+        Where the files it names are; by default beside the scene's file, else here.
+    progress : callable, optional
+        Told the share done, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        A scene that cannot be read or made.
+
+    Examples
+    --------
+    >>> from sonospline.simulator import make_scene
+    >>> scene = make_scene("cube")
+    >>> scene.frame.depth.tolist(), list(scene.targets)
+    ([1.0, 0.0, 0.0], ['end of the path'])
+    """
+    spec, beside = _read(scene)
+    return _made(spec, beside if folder is None else folder, progress or (lambda share: None))
+
+
+def _read(scene: SceneFile | str | Path) -> tuple[SceneFile, Path]:
+    """A scene as it is written, and the folder its files are seen from."""
+    if isinstance(scene, SceneFile):
+        return scene, Path()
+    if isinstance(scene, str) and not scene.endswith(".toml"):
+        return SceneFile.shipped(scene), Path()
+    return SceneFile.read(scene), Path(scene).parent
+
+
+def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
+    progress(0.05)
+    content = read_content(spec, folder, progress)
+    progress(0.7)
+    tissue = Tissue(content.grid, entry_face=spec.tissue.entry_face)
+    frame = SkinFrame.on_face(content.grid, spec.tissue.entry_face, at=spec.probe.at, right=spec.probe.right)
+    targets = {part.name: np.array(part.at) for part in spec.targets} or dict(content.targets)
+    tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
+    probe = _probe(spec)
+    along, across = frame.sides(content.grid)
+    circumstances = Circumstances(spec, probe, along, across, synthetic=content.phantom is not None)
+    knobs, first = Knobs.of(Command, circumstances), start(Command, circumstances)
+    knobs.check(first)
+    progress(0.9)
+    return Scene(
+        spec=spec, tissue=tissue, frame=frame, tissues=content.tissues, see=content.see, probe=probe, targets=targets,
+        start=first, knobs=knobs, draw=partial(scene_meshes, spec, content, frame),
+        prepare=_nothing if content.phantom is None else content.phantom.prepare,
+    )  # fmt: skip
+
+
+def _probe(spec: SceneFile) -> Probe:
+    part = spec.probe
+    focus = {} if part.focus_mm is None else {"elevation_focus_mm": part.focus_mm}
+    return PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
+
+
+def _nothing() -> None:
+    pass
