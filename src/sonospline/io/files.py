@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import os
 import stat
+from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,12 +22,12 @@ _KINDS = {
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
 
-def regular_file(path: str | Path, name: str, wanted: str) -> Path:
+def regular_file(path: str | PathLike[str], name: str, wanted: str) -> Path:
     """Return the path of an ordinary file.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         What the user named.
     name : str
         The argument, as an error names it.
@@ -50,7 +51,7 @@ def regular_file(path: str | Path, name: str, wanted: str) -> Path:
     return path
 
 
-def open_file(path: str | Path, name: str, wanted: str) -> BinaryIO:
+def open_file(path: str | PathLike[str], name: str, wanted: str) -> BinaryIO:
     """Open an ordinary file to read its bytes; raises as :func:`regular_file` does."""
     path = regular_file(path, name, wanted)
     try:
@@ -66,7 +67,7 @@ def open_file(path: str | Path, name: str, wanted: str) -> BinaryIO:
         raise
 
 
-def read_text(path: str | Path, name: str, wanted: str) -> str:
+def read_text(path: str | PathLike[str], name: str, wanted: str) -> str:
     """Return the text of a file: UTF-8 with or without a byte order mark, or UTF-16 with one.
 
     Raises

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 
 from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
@@ -14,12 +15,12 @@ from .volumes import read_volume, suffix_of
 logger = logging.getLogger(__name__)
 
 
-def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
+def read_labels(path: str | PathLike[str], *, largest: int = LARGEST) -> LabelMap:
     """Read a label map.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         A file :func:`~sonospline.io.volumes.read_volume` reads, of whole numbers: stored as integers, or as
         anything that is within 1e-3 of one once the file's scale is applied.
     largest : int, default: 65535
@@ -46,7 +47,7 @@ def read_labels(path: str | Path, *, largest: int = LARGEST) -> LabelMap:
 
 
 @contextmanager
-def labels_named(path: str | Path) -> Iterator[None]:
+def labels_named(path: str | PathLike[str]) -> Iterator[None]:
     """Name the file in whatever is wrong with its labels: one has no name, or its tissue no properties."""
     try:
         yield
@@ -54,13 +55,13 @@ def labels_named(path: str | Path) -> Iterator[None]:
         raise ValueError(f"labels = {str(path)!r}: {error}") from None
 
 
-def warn_of_labels(volume: Volume, path: str | Path, what: str) -> None:
+def warn_of_labels(volume: Volume, path: str | PathLike[str], what: str) -> None:
     """Say, once and in one line, that an image seems to be a label map, and what becomes of it."""
     if looks_like_labels(volume):
         logger.warning("volume = %r seems to be a label map, %s", str(path), what)
 
 
-def names_beside(path: str | Path) -> Path:
+def names_beside(path: str | PathLike[str]) -> Path:
     """Return where the names of a label map's labels are by default: beside it, its name with ``.csv`` for its suffix.
 
     Raises
@@ -78,7 +79,7 @@ def names_beside(path: str | Path) -> Path:
     return path.with_name(path.name[: -len(suffix_of(path))] + ".csv")
 
 
-def names_of(path: str | Path, named: str | Path | None) -> Path:
+def names_of(path: str | PathLike[str], named: str | PathLike[str] | None) -> Path:
     """Return the file of a label map's names: the one given, else the one beside it.
 
     Raises

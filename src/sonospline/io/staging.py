@@ -28,6 +28,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from os import PathLike
 from pathlib import Path
 
 if sys.platform != "win32":
@@ -42,7 +43,7 @@ _TRIES, _PAUSE_S = 100, 0.01
 
 
 @contextmanager
-def staged_folder(out: str | Path, *, summary: str = "summary.json") -> Iterator[Path]:
+def staged_folder(out: str | PathLike[str], *, summary: str = "summary.json") -> Iterator[Path]:
     """Yield a temporary folder; on success its files replace the earlier set in ``out``, on failure nothing stays.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 
 from .files import read_text
 
@@ -21,12 +21,12 @@ class Row:
     cells: dict[str, str]
 
 
-def read_rows(path: str | Path, name: str, columns: tuple[str, ...], *, headless: bool = False) -> list[Row]:
+def read_rows(path: str | PathLike[str], name: str, columns: tuple[str, ...], *, headless: bool = False) -> list[Row]:
     """Return the rows of a CSV file.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         Separated by comma, semicolon or tab; UTF-8 (with or without a byte order mark) or UTF-16.
     name : str
         The argument, as an error names it.
@@ -64,7 +64,9 @@ def read_rows(path: str | Path, name: str, columns: tuple[str, ...], *, headless
     return rows
 
 
-def read_by_label(path: str | Path, name: str, columns: tuple[str, ...], *, headless: bool = False) -> dict[int, Row]:
+def read_by_label(
+    path: str | PathLike[str], name: str, columns: tuple[str, ...], *, headless: bool = False
+) -> dict[int, Row]:
     """Return the rows of a CSV file by the number in their column ``label``.
 
     Raises
@@ -89,12 +91,12 @@ def read_by_label(path: str | Path, name: str, columns: tuple[str, ...], *, head
     return table
 
 
-def read_names(path: str | Path, name: str = "names") -> dict[int, str]:
+def read_names(path: str | PathLike[str], name: str = "names") -> dict[int, str]:
     """Read the names of labels from a CSV file.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         Columns ``label`` and ``name``, or no headings and these two first.
     name : str, default: "names"
         The argument, as an error names it.
@@ -111,7 +113,7 @@ def read_names(path: str | Path, name: str = "names") -> dict[int, str]:
     return {label: row.cells["name"] for label, row in rows.items()}
 
 
-def _lines(text: str, path: str | Path, name: str, wanted: str) -> list[tuple[int, list[str]]]:
+def _lines(text: str, path: str | PathLike[str], name: str, wanted: str) -> list[tuple[int, list[str]]]:
     """Lines that are not blank: number in the file, and cells without blanks around them."""
     heading = next((line for line in text.splitlines() if line.strip()), "")
     delimiter = max(_DELIMITERS, key=heading.count)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ class ImageWarp:
         place(image, self.grid)
         return sitk.DisplacementFieldTransform(image)
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | PathLike[str]) -> None:
         """Write the transform as an ITK .h5 file; load it in Slicer as a Transform.
 
         Raises

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +37,12 @@ def suffix_of(path: Path, name: str = "volume") -> str:
     raise ValueError(f"{name} = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
 
 
-def read_volume(path: str | Path, *, name: str = "volume") -> Volume:
+def read_volume(path: str | PathLike[str], *, name: str = "volume") -> Volume:
     """Read a 3-D, single-channel image.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         A .nrrd, .mha or .nii.gz file (or .nhdr, .mhd, .nii).
     name : str, default: "volume"
         The argument, as an error names it.
@@ -76,7 +77,7 @@ def read_image(path: Path, name: str) -> Any:
         return reader.Execute()
 
 
-def write_volume(volume: Volume, path: str | Path) -> None:
+def write_volume(volume: Volume, path: str | PathLike[str]) -> None:
     """Write a volume, compressed, in the format of the path's suffix; OSError where it does not arrive whole."""
     write_image(to_sitk(volume), path)
 

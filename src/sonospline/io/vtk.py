@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,12 @@ _SPACE = "SPACE"
 """The field data by which 3D Slicer tells RAS from LPS; ParaView shows it among the information of the file."""
 
 
-def write_vti(path: str | Path, grid: Grid, arrays: dict[str, NDArray[np.floating]]) -> None:
+def write_vti(path: str | PathLike[str], grid: Grid, arrays: dict[str, NDArray[np.floating]]) -> None:
     """Write node arrays on a grid, so that they lie over the images that ITK and 3D Slicer write.
 
     Parameters
     ----------
-    path : str or Path
+    path : path-like
         File to write, ending in .vti.
     grid : Grid
         Its geometry, orientation included; RAS mm here, LPS in the file, which says so in the field data ``SPACE``.

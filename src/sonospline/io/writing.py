@@ -12,6 +12,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ _SILENCE = threading.Lock()
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 
-def write_bytes(path: str | Path, data: bytes) -> None:
+def write_bytes(path: str | PathLike[str], data: bytes) -> None:
     """Write a file; OSError where not all of it arrives, and then ``path`` is as it was."""
     with _beside(Path(path)) as partial:
         partial.write_bytes(data)
@@ -32,24 +33,24 @@ def write_bytes(path: str | Path, data: bytes) -> None:
             raise OSError("what was read back is not what was written")
 
 
-def write_text(path: str | Path, text: str) -> None:
+def write_text(path: str | PathLike[str], text: str) -> None:
     """Write a text as UTF-8, as :func:`write_bytes` does."""
     write_bytes(path, text.encode())
 
 
-def write_json(path: str | Path, content: Any) -> None:
+def write_json(path: str | PathLike[str], content: Any) -> None:
     """Write what JSON holds, as :func:`write_bytes` does."""
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
-def write_image(image: Any, path: str | Path) -> None:
+def write_image(image: Any, path: str | PathLike[str]) -> None:
     """Write a SimpleITK image, compressed where its format can be; OSError where not all of it arrives.
 
     Parameters
     ----------
     image : SimpleITK.Image
         Its voxels are compared with those in the file.
-    path : str or Path
+    path : path-like
         The suffix says the format. A header with its data in another file (.mhd, .nhdr) moves last.
     """
     sitk = require("SimpleITK")

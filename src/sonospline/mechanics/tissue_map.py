@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,11 @@ class TissueMap:
 
     @classmethod
     def read(
-        cls, labels: str | Path, *, names: str | Path | None = None, materials: str | Path | None = None
+        cls,
+        labels: str | PathLike[str],
+        *,
+        names: str | PathLike[str] | None = None,
+        materials: str | PathLike[str] | None = None,
     ) -> TissueMap:
         """Read a label image, the names of its labels and a table of materials.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from importlib.resources import files
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 from .. import _validate
@@ -99,7 +99,7 @@ class MaterialTable:
         return _assumed()
 
     @classmethod
-    def read(cls, path: str | Path) -> MaterialTable:
+    def read(cls, path: str | PathLike[str]) -> MaterialTable:
         """Read a TOML file of ``[tissue name]`` tables; tissues it does not name are the assumed ones.
 
         Raises
@@ -132,7 +132,7 @@ class MaterialTable:
         raise ValueError(f"label {name!r} has no material; add a [{name}] table, or use one of {known}")
 
 
-def read_label_names(path: str | Path) -> dict[int, str]:
+def read_label_names(path: str | PathLike[str]) -> dict[int, str]:
     """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""
     return {0: _BACKGROUND, **read_names(path, "label names")}
 

@@ -14,7 +14,7 @@ import csv
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 from .. import _validate
@@ -131,7 +131,7 @@ def known(name: str, table: dict[str, AcousticTissue] | None = None) -> Acoustic
     return tissues[name]
 
 
-def write_table(path: str | Path, labelled: Iterable[tuple[int, AcousticTissue]]) -> None:
+def write_table(path: str | PathLike[str], labelled: Iterable[tuple[int, AcousticTissue]]) -> None:
     """Write labels and their properties as CSV."""
     text = io.StringIO(newline="")
     writer = csv.writer(text)
@@ -141,7 +141,7 @@ def write_table(path: str | Path, labelled: Iterable[tuple[int, AcousticTissue]]
     write_text(path, text.getvalue())
 
 
-def read_table(path: str | Path) -> dict[int, AcousticTissue]:
+def read_table(path: str | PathLike[str]) -> dict[int, AcousticTissue]:
     """Read what :func:`write_table` wrote: label -> tissue."""
     table = {}
     for label, row in read_by_label(path, "table", _COLUMNS).items():
