@@ -50,7 +50,7 @@ def main() -> None:
     insertion = ss.Insertion(ss.Tissue(grid, entry_face="z-"))
     steps = [ss.Needle(needle.entry, needle.at(t)) for t in np.linspace(0.5, 1.0, arguments.frames)]
     field = ss.GridField.of(insertion.advance(needle))
-    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose, picture_shape=(512, 512))
+    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_to_reference, picture_shape=(512, 512))
     start = time.perf_counter()
     scanner.render(field, needle)
     print(f"first frame in {time.perf_counter() - start:.2f} s; {grid.node_count:,} nodes")
@@ -64,7 +64,7 @@ def main() -> None:
     timed("deform and render, needle moving", deform_and_render, count, 60)
 
     def pose_at(offset: tuple[float, float, float]) -> NDArray[np.float64]:
-        pose = kidney.probe_pose.copy()
+        pose = kidney.probe_to_reference.copy()
         pose[:3, 3] += offset
         return pose
 
@@ -90,7 +90,7 @@ def main() -> None:
     timed("slice of a volume, 512 x 512", lambda k: reslicer.cut(plane, moved), count, 240)
     core = scanner.render(field, needle, frame=1)
     _core.active = _core.twin
-    other = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose, picture_shape=(512, 512))
+    other = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_to_reference, picture_shape=(512, 512))
     twin = other.render(field, needle, frame=1)
     timed("render only, NumPy twin", lambda k: other.render(field, needle, frame=k), 5, 5)
     weight = 1 / np.sqrt(scanner.optics.speckle_power)

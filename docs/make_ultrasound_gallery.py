@@ -50,7 +50,7 @@ def kidney() -> None:
     """The kidney phantom under both probes, before and after the needle."""
     kidney = kidney_phantom()
     insertion = ss.Insertion(ss.Tissue(kidney.grid(), entry_face="z-"))
-    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_pose)
+    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_to_reference)
     field = ss.GridField.of(insertion.advance(kidney.needle))
     pair(scanner.render().frame, scanner.render(field, kidney.needle).frame, "ultrasound_kidney_curvilinear.png")
 

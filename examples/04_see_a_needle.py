@@ -6,7 +6,7 @@ import sonospline as ss
 from sonospline.ultrasound import Probe, Scanner, kidney_phantom
 
 kidney = kidney_phantom(spacing_mm=1.0)
-scanner = Scanner(kidney.phantom, Probe.curvilinear(lines=128), kidney.probe_pose)
+scanner = Scanner(kidney.phantom, Probe.curvilinear(lines=128), kidney.probe_to_reference)
 insertion = ss.Insertion(ss.Tissue(kidney.grid(nodes=30_000), entry_face="z-"))
 field = insertion.advance(kidney.needle)
 
@@ -15,7 +15,7 @@ after = scanner.render(field, kidney.needle)
 calyx_shift = float(np.linalg.norm(field.displacement(kidney.needle.tip[None])))
 
 if __name__ == "__main__":
-    before.frame.write("before.png")
-    after.frame.write("after.png")
+    before.frame.save("before.png")
+    after.frame.save("after.png")
     changed = np.mean(before.frame.pixels != after.frame.pixels)
     print(f"the calyx moved {calyx_shift:.2f} mm; {100 * changed:.0f} % of the picture changed: before.png, after.png")

@@ -155,7 +155,7 @@ def test_a_moved_probe_shows_what_a_new_one_would():
     moved = scanner.moved(pose)
     new = Scanner(scanner.phantom, CURVED, pose, display=FLAT, margin_mm=0.2)
     assert np.array_equal(moved.render(a_field()).iq, new.render(a_field()).iq)
-    assert np.allclose(moved.image_to_reference, pose)
+    assert np.allclose(moved.probe_to_reference, pose)
     assert np.array_equal(scanner.render(a_field()).iq, before)
 
 
@@ -165,7 +165,7 @@ def test_another_setting_of_the_probe_shows_what_a_new_scanner_would():
     for probe in (replace(CURVED, depth_mm=80, frequency_mhz=4.5, elevation_focus_mm=40), LINEAR):
         other = scanner.with_probe(probe)
         new = Scanner(
-            scanner.phantom, probe, scanner.image_to_reference, display=FLAT, margin_mm=0.2,
+            scanner.phantom, probe, scanner.probe_to_reference, display=FLAT, margin_mm=0.2,
             picture_shape=scanner.plane.shape,
         )  # fmt: skip
         found, expected = other.render(a_field()), new.render(a_field())

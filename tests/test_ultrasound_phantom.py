@@ -22,7 +22,7 @@ def kidney():
 
 @pytest.fixture(scope="module")
 def kidney_image(kidney):
-    return Scanner(kidney.phantom, Probe.curvilinear(lines=128, samples=1024), kidney.probe_pose).render()
+    return Scanner(kidney.phantom, Probe.curvilinear(lines=128, samples=1024), kidney.probe_to_reference).render()
 
 
 # --- labels and tissues ---
@@ -175,7 +175,7 @@ def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, kidney):
     assert kidney_image.beams[60:90, sample + 150 : sample + 500].mean() > 40
     grid = kidney.grid(20_000)
     field = ss.GridField.of(ss.Insertion(ss.Tissue(grid, entry_face="z-")).advance(kidney.needle))
-    scanner = Scanner(kidney.phantom, probe, kidney.probe_pose)
+    scanner = Scanner(kidney.phantom, probe, kidney.probe_to_reference)
     without, with_needle = scanner.render(field).frame, scanner.render(field, kidney.needle).frame
     x, y, _ = without.plane.project(kidney.needle.at(np.linspace(0.5, 0.97, 200))).T
     column, row = (
@@ -187,7 +187,7 @@ def test_the_rib_casts_a_shadow_and_the_needle_is_seen(kidney_image, kidney):
 
 def test_the_scene_is_exported_for_slicer(kidney, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
-    kidney.phantom.write(tmp_path / "kidney.seg.nrrd", tmp_path / "tissues.csv")
+    kidney.phantom.save(tmp_path / "kidney.seg.nrrd", tmp_path / "tissues.csv")
     image = sitk.ReadImage(str(tmp_path / "kidney.seg.nrrd"))
     assert np.array_equal(sitk.GetArrayFromImage(image).transpose(2, 1, 0), kidney.phantom.bytes)
     names = {image.GetMetaData(k) for k in image.GetMetaDataKeys() if k.endswith("_Name")}
@@ -246,6 +246,7 @@ def test_a_series_is_written_as_a_sequence_and_a_gif(kidney_image, tmp_path):
     image = sitk.ReadImage(str(tmp_path / "cine.igs.mha"))
     stack = sitk.GetArrayFromImage(image)
     assert np.array_equal(stack[1], kidney_image.frame.pixels)
+    assert image.GetSpacing() == (1, 1, 1)  # the image frame of PLUS counts pixels
     matrix = np.array([float(x) for x in image.GetMetaData("Seq_Frame0002_ImageToReferenceTransform").split()]).reshape(
         4, 4
     )

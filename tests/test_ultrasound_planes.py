@@ -5,7 +5,7 @@ import pytest
 
 import sonospline as ss
 from sonospline.geometry import ImagePlane, facing, rigid, to_image, to_reference
-from sonospline.ultrasound import NodeSlice, PlaneSlice, Probe
+from sonospline.ultrasound import NodeSlice, Phantom, PlaneSlice, Probe, Scanner
 
 POSE = facing((10, 20, 30), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
 
@@ -42,11 +42,33 @@ def test_directions_without_a_plane_are_refused():
 
 def test_pixels_lie_where_the_plane_says():
     plane = ImagePlane(image_to_reference=POSE, shape=(30, 20), spacing_mm=(0.5, 0.25), corner_mm=(-5, 1))
+    assert np.allclose(plane.points[0], POSE[:3, 3])  # ImageToReference is of pixel (0, 0)
     flat = plane.project(plane.points)
     assert np.allclose(flat[:, 2], 0, atol=1e-12)
     assert np.allclose(flat[[0, 1, 20]], [[-5, 1, 0], [-4.5, 1, 0], [-5, 1.25, 0]])
     row, column = 7, 11
     assert np.allclose(plane.affine @ [column, row, 1], plane.points[row * 20 + column])
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0.1, 0.2, 1), (1, -2, 0.5)])
+@pytest.mark.parametrize("right", [None, (1, 0.3, 0.2)])
+def test_a_crossing_plane_is_seen_along_its_normal(normal, right):
+    plane = ImagePlane.crossing(ss.Grid.unit_cube(5), normal=normal, through=(0.5, 0.4, 0.3), right=right)
+    assert np.allclose(np.cross(plane.image_to_reference[:3, 2], normal), 0, atol=1e-12)
+    assert plane.project([(0.5, 0.4, 0.3)])[0] == pytest.approx([0, 0, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("probe", [Probe.linear(lines=32), Probe.curvilinear(lines=32)], ids=lambda p: p.kind)
+def test_the_image_and_the_probe_have_poses_of_their_own(probe):
+    scanner = Scanner(Phantom.uniform("liver", size_mm=(60, 60, 90)), probe, POSE)
+    image = scanner.render().frame
+    assert np.allclose(scanner.probe_to_reference, POSE, atol=1e-12)
+    assert np.allclose(image.plane.image_to_reference[:3, 3], image.plane.points[0])
+    assert np.allclose(image.plane.axes_to_reference, POSE)
+    face = image.plane.project(POSE[:3, 3][None])[0]
+    assert face == pytest.approx([0, 0, 0], abs=1e-9)
+    pixel = (face[:2] - image.plane.corner_mm) / image.plane.spacing_mm
+    assert pixel[0] == pytest.approx((image.plane.shape[1] - 1) / 2, abs=0.51)
 
 
 @pytest.mark.parametrize(

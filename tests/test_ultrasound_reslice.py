@@ -157,7 +157,7 @@ def a_frame():
     """A smooth picture on the plane y = 42 of the generated block."""
     x, y = np.meshgrid(np.arange(120), np.arange(90))
     grey = (120 + 60 * np.sin(x / 9) * np.cos(y / 7)).astype(np.uint8)
-    return Frame.placed(grey, spacing_mm=0.7, image_to_reference=facing((2, 42, 42), depth=(1, 0, 0), right=(0, 0, 1)))
+    return Frame.placed(grey, spacing_mm=0.7, probe_to_reference=facing((2, 42, 42), depth=(1, 0, 0), right=(0, 0, 1)))
 
 
 def test_a_frame_deforms_as_its_pixels_inverse_says(a_frame, block_field):
@@ -173,11 +173,11 @@ def test_a_frame_deforms_as_its_pixels_inverse_says(a_frame, block_field):
 
 def test_a_frame_is_written_with_its_geometry(a_frame, tmp_path):
     sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
-    a_frame.write(tmp_path / "frame.mha")
+    a_frame.save(tmp_path / "frame.mha")
     image = sitk.ReadImage(str(tmp_path / "frame.mha"))
     lps = np.array(image.TransformContinuousIndexToPhysicalPoint((30.0, 40.0, 0.0)))
     assert np.allclose(lps * [-1, -1, 1], a_frame.plane.points[40 * 120 + 30], atol=1e-6)
-    a_frame.write(tmp_path / "frame.png")
+    a_frame.save(tmp_path / "frame.png")
     back = Frame.read(tmp_path / "frame.png", spacing_mm=0.7, image_to_reference=a_frame.plane.image_to_reference)
     assert np.array_equal(back.pixels, a_frame.pixels)
     with pytest.raises(ValueError, match="spacing_mm"):

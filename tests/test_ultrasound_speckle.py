@@ -137,7 +137,7 @@ def test_speckle_moves_with_the_tissue():
     for i in range(24, 192 - 24 - size[0], 9):
         for j in range(110, 1024 - 110 - size[1], 40):
             centre = np.array([[j + size[1] / 2, i + size[0] / 2, 0]]) * [probe.sample_mm, 1, 1]
-            world = scanner.plane.image_to_reference[:3, :3] @ probe.image_points(centre)[0] + [30, 15, 4]
+            world = scanner.probe_to_reference[:3, :3] @ probe.image_points(centre)[0] + [30, 15, 4]
             material = deeper[0].inverse(world[None])
             moved = deeper[1].forward(material)[0] - world
             if not 0.3 <= np.hypot(moved[0], moved[2]) <= 1.5:

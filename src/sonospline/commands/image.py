@@ -171,7 +171,7 @@ def _rendered(args: argparse.Namespace) -> Sight:
     needle = _given_needle(args)
     if args.labels is None:
         kidney = kidney_phantom(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
-        phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_pose
+        phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_to_reference
         needle = kidney.needle if needle is None else needle
     else:
         phantom = _scene(args)
@@ -204,7 +204,7 @@ def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, An
     start = time.perf_counter()
     before = sight.view(None, None, 0)
     first_ms = 1e3 * (time.perf_counter() - start)
-    before.write(folder / "before.png")
+    before.save(folder / "before.png")
     shown, largest, field = before, None, None
     if sight.needle is not None:
         insertion, needle = _insertion(sight), sight.needle
@@ -217,11 +217,11 @@ def _write(sight: Sight, folder: Path, args: argparse.Namespace) -> dict[str, An
         field = GridField.of(final)
         largest = float(np.linalg.norm(field.values, axis=-1).max())
         shown = sight.view(field, needle, args.cine)
-        shown.write(folder / "after.png")
+        shown.save(folder / "after.png")
         if frames:
             write_sequence(frames, folder / "cine.igs.mha")
             write_gif([before, *frames], folder / "cine.gif")
-    shown.write(folder / "image.mha")
+    shown.save(folder / "image.mha")
     summary = {
         "verb": "image",
         "picture": before.pixels.shape,

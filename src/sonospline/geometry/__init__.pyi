@@ -8,6 +8,7 @@ from .needle import Projection as Projection
 from .plane import ImagePlane as ImagePlane
 from .pose import facing as facing
 from .pose import rigid as rigid
+from .pose import shifted as shifted
 from .pose import to_image as to_image
 from .pose import to_reference as to_reference
 from .tissue import Tissue as Tissue

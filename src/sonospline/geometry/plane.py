@@ -14,6 +14,8 @@ from .grid import Grid
 
 Array = NDArray[np.float64]
 
+_PARALLEL = 1e-9
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ImagePlane:
@@ -22,13 +24,14 @@ class ImagePlane:
     Parameters
     ----------
     image_to_reference : (4, 4) array_like
-        Rigid transform from the image frame (mm: x right, y down, z out of the plane) to the world.
+        Rigid transform from the image (mm from the centre of pixel (0, 0): x right, y down, z = x cross y) to
+        the world.
     shape : (int, int)
         Rows and columns.
     spacing_mm : (float, float) or float
         Distance between pixel centres along x and y.
     corner_mm : (float, float), default: (0, 0)
-        Image position of the centre of pixel (0, 0).
+        Where the axes of a picture count pixel (0, 0): from the middle of the probe's face, for a probe's.
 
     Examples
     --------
@@ -81,18 +84,33 @@ class ImagePlane:
         seen_along = seen_along / np.linalg.norm(seen_along)
         x = np.eye(3)[int(np.argmin(np.abs(seen_along)))] if right is None else _validate.vector("right", right)
         origin = _validate.vector("through", through)
+        x = x - (x @ seen_along) * seen_along
+        if np.linalg.norm(x) <= _PARALLEL:
+            raise ValueError(f"right = {x.tolist()} is zero or parallel to the normal; give a vector across it")
         transform = pose.facing(origin, depth=np.cross(seen_along, x), right=x)
         corners = grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * grid.extent)
         flat = pose.to_image(transform, corners)[:, :2]
         low, size = flat.min(axis=0), np.ptp(flat, axis=0)
         spacing = float(size.max()) / _validate.count("pixels", pixels, least=2)
         columns, rows = (max(1, round(float(side / spacing))) for side in size)
-        return cls(
-            image_to_reference=transform,
-            shape=(rows, columns),
-            spacing_mm=(spacing, spacing),
-            corner_mm=(float(low[0] + spacing / 2), float(low[1] + spacing / 2)),
-        )
+        corner = (float(low[0] + spacing / 2), float(low[1] + spacing / 2))
+        return cls.placed(transform, shape=(rows, columns), spacing_mm=(spacing, spacing), corner_mm=corner)
+
+    @classmethod
+    def placed(
+        cls,
+        axes_to_reference: Array,
+        *,
+        shape: tuple[int, int],
+        spacing_mm: tuple[float, float],
+        corner_mm: tuple[float, float],
+    ) -> ImagePlane:
+        """Return the plane whose axes lie in the world as given, its pixel (0, 0) at ``corner_mm`` of them.
+
+        With a ``ProbeToReference`` these are the axes of a probe's picture.
+        """
+        pixel = pose.shifted(axes_to_reference, *corner_mm)
+        return cls(image_to_reference=pixel, shape=shape, spacing_mm=spacing_mm, corner_mm=corner_mm)
 
     @cached_property
     def points(self) -> Array:
@@ -100,8 +118,8 @@ class ImagePlane:
         rows, columns = self.shape
         _memory.refuse_beyond(48 * rows * columns, f"shape = {self.shape}: the positions of its pixels")
         flat = np.zeros((rows, columns, 3))
-        flat[..., 0] = self.corner_mm[0] + self.spacing_mm[0] * np.arange(columns)
-        flat[..., 1] = self.corner_mm[1] + self.spacing_mm[1] * np.arange(rows)[:, None]
+        flat[..., 0] = self.spacing_mm[0] * np.arange(columns)
+        flat[..., 1] = self.spacing_mm[1] * np.arange(rows)[:, None]
         return pose.to_reference(self.image_to_reference, flat.reshape(-1, 3))
 
     @property
@@ -113,13 +131,17 @@ class ImagePlane:
     @property
     def affine(self) -> Array:
         """(3, 3) columns: the world steps of one column and of one row, and the world position of pixel (0, 0)."""
-        x, y, _, origin = self.image_to_reference[:3].T
-        corner = origin + self.corner_mm[0] * x + self.corner_mm[1] * y
+        x, y, _, corner = self.image_to_reference[:3].T
         return np.column_stack([self.spacing_mm[0] * x, self.spacing_mm[1] * y, corner])
 
+    @cached_property
+    def axes_to_reference(self) -> Array:
+        """(4, 4) pose of the axes that :attr:`extent` and :meth:`project` count along."""
+        return pose.shifted(self.image_to_reference, -self.corner_mm[0], -self.corner_mm[1])
+
     def project(self, points: ArrayLike) -> Array:
-        """Return world points (m, 3) in the image frame: x, y and the distance z from the plane, mm."""
-        return pose.to_image(self.image_to_reference, _validate.points("points", points))
+        """Return world points (m, 3) along the picture's axes: x, y and the distance z from the plane, mm."""
+        return pose.to_image(self.axes_to_reference, _validate.points("points", points))
 
     def misses(self, grid: Grid) -> bool:
         """Return whether no pixel lies in the box of a grid."""

@@ -1,7 +1,8 @@
-"""Rigid transforms that place an image or a probe in the world (``ImageToReference``).
+"""Rigid transforms that place an image or a probe in the world.
 
-The image frame is in mm: x to the right (the marked side of the probe), y away from the
-transducer, z = x cross y. The reference frame is the world, RAS mm.
+``ImageToReference`` has its origin at the centre of pixel (0, 0), ``ProbeToReference`` in the
+middle of the probe's face. Both are in mm: x to the right (the marked side of the probe), y away
+from the transducer, z = x cross y. The reference is the world, RAS mm.
 """
 
 from __future__ import annotations
@@ -40,16 +41,19 @@ def rigid(name: str, matrix: ArrayLike) -> Array:
 
 
 def facing(origin: ArrayLike, *, depth: ArrayLike, right: ArrayLike) -> Array:
-    """Return ``ImageToReference`` of an image whose origin is given, seen along ``depth``.
+    """Return the pose of what lies at ``origin`` and looks along ``depth``.
+
+    With the middle of a probe's face it is the probe's ``ProbeToReference``, with the centre of pixel (0, 0)
+    an image's ``ImageToReference``.
 
     Parameters
     ----------
     origin : (3,) array_like
-        World position of the image's origin: the middle of the probe's face, the first pixel of a plane.
+        World position of the middle of the probe's face, or of the first pixel.
     depth : (3,) array_like
-        World direction away from the transducer: the image's y.
+        World direction away from the transducer: y.
     right : (3,) array_like
-        World direction of the image's x; its part along ``depth`` is taken out.
+        World direction of x; its part along ``depth`` is taken out.
 
     Raises
     ------
@@ -75,6 +79,22 @@ def facing(origin: ArrayLike, *, depth: ArrayLike, right: ArrayLike) -> Array:
     transform[:3] = np.column_stack([x, y, np.cross(x, y), start])
     transform.setflags(write=False)
     return transform
+
+
+def shifted(transform: Array, x: float, y: float) -> Array:
+    """Return a pose whose origin lies at (x, y, 0) mm of another one, turned as it is.
+
+    Examples
+    --------
+    >>> from sonospline.geometry import facing, shifted
+    >>> probe_to_reference = facing((50, 50, 0), depth=(0, 0, 1), right=(1, 0, 0))
+    >>> shifted(probe_to_reference, -19, 0)[:3, 3].tolist()
+    [31.0, 50.0, 0.0]
+    """
+    moved = transform.copy()
+    moved[:3, 3] = transform[:3, 3] + x * transform[:3, 0] + y * transform[:3, 1]
+    moved.setflags(write=False)
+    return moved
 
 
 def to_reference(transform: Array, points: Array) -> Array:

@@ -55,7 +55,7 @@ class SyntheticImager(Imager):
     def __init__(self, scanner: Scanner) -> None:
         self._scanner = scanner
         self._base = scanner.display.gain_db
-        self.probe, self.probe_to_reference = scanner.probe, scanner.image_to_reference
+        self.probe, self.probe_to_reference = scanner.probe, scanner.probe_to_reference
 
     @classmethod
     def of(

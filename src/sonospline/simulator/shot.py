@@ -71,7 +71,4 @@ class Shot:
     @property
     def image_to_reference(self) -> Array:
         """(4, 4) pose of the picture, origin at the centre of pixel (0, 0)."""
-        plane = self.image.plane
-        pose = plane.image_to_reference.copy()
-        pose[:3, 3] = plane.affine[:, 2]
-        return pose
+        return self.image.plane.image_to_reference

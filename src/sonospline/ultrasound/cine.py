@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import BytesIO
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from ..io.writing import write_bytes
 from .frame import Frame, as_bytes
 
 
-def write_sequence(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 50.0) -> None:
-    """Write frames of one shape as a sequence MetaImage (``.igs.mha``, as Plus and 3D Slicer read it).
+def write_sequence(frames: Sequence[Frame], path: str | PathLike[str], *, frame_ms: float = 50.0) -> None:
+    """Write frames of one shape as a sequence MetaImage (``.igs.mha``, as PLUS and 3D Slicer read it).
 
-    Every frame carries its ``ImageToReferenceTransform`` from pixels to LPS mm, and its time.
+    Every frame carries its ``ImageToReferenceTransform`` and its time. As in every sequence of PLUS the image
+    frame counts pixels from pixel (0, 0), so that their size is in the transform and the header's spacing is 1;
+    the reference is LPS mm.
     """
     from ..io.volumes import RAS_TO_LPS
 
@@ -28,7 +30,7 @@ def write_sequence(frames: Sequence[Frame], path: str | Path, *, frame_ms: float
     lines = [
         "ObjectType = Image", "NDims = 3", "BinaryData = True", "BinaryDataByteOrderMSB = False",
         f"DimSize = {stack.shape[2]} {stack.shape[1]} {stack.shape[0]}",
-        f"ElementSpacing = {frames[0].plane.spacing_mm[0]:.9g} {frames[0].plane.spacing_mm[1]:.9g} 1",
+        "ElementSpacing = 1 1 1",
         "Offset = 0 0 0", "ElementType = MET_UCHAR", "UltrasoundImageOrientation = MF",
         "UltrasoundImageType = BRIGHTNESS",
     ]  # fmt: skip
@@ -47,7 +49,7 @@ def write_sequence(frames: Sequence[Frame], path: str | Path, *, frame_ms: float
     write_bytes(path, ("\n".join(lines) + "\n").encode() + stack.tobytes())
 
 
-def write_gif(frames: Sequence[Frame], path: str | Path, *, frame_ms: float = 100.0) -> None:
+def write_gif(frames: Sequence[Frame], path: str | PathLike[str], *, frame_ms: float = 100.0) -> None:
     """Write frames as an endless GIF. Needs Pillow, which the extra ``plot`` brings."""
     if not frames:
         raise ValueError("frames is empty; give at least one frame")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -52,11 +52,14 @@ class Clip:
         self,
         index: int = 0,
         *,
-        image_to_reference: ArrayLike,
+        image_to_reference: ArrayLike | None = None,
+        probe_to_reference: ArrayLike | None = None,
         region: int = 0,
         spacing_mm: float | tuple[float, float] | None = None,
     ) -> Frame:
-        """Return one frame's region on a plane; the whole frame where ``spacing_mm`` stands in for its calibration.
+        """Return one frame's region on a plane, placed as :meth:`Frame.placed` does.
+
+        Where ``spacing_mm`` stands in for its calibration, it is the whole frame.
 
         Raises
         ------
@@ -72,7 +75,12 @@ class Clip:
         if spacing_mm is None:
             chosen = self._calibrated(region)
             pixels, spacing_mm = pixels[chosen.window], chosen.spacing_mm
-        return Frame.placed(pixels, spacing_mm=spacing_mm, image_to_reference=image_to_reference)
+        return Frame.placed(
+            pixels,
+            spacing_mm=spacing_mm,
+            image_to_reference=image_to_reference,
+            probe_to_reference=probe_to_reference,
+        )
 
     def _calibrated(self, number: int) -> Region:
         if not self.regions:
@@ -89,7 +97,7 @@ class Clip:
         return region
 
 
-def read_dicom(path: str | Path) -> Clip:
+def read_dicom(path: str | PathLike[str]) -> Clip:
     """Read an ultrasound DICOM file, grey or coloured (whose brightness is kept). Needs the extra ``dicom``.
 
     Raises

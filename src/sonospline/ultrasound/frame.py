@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +43,7 @@ class Frame:
     >>> from sonospline.ultrasound import Frame
     >>> from sonospline.geometry import facing
     >>> frame = Frame.placed(np.zeros((400, 260), np.uint8), spacing_mm=0.1,
-    ...                      image_to_reference=facing((0, 0, 0), depth=(1, 0, 0), right=(0, 1, 0)))
+    ...                      probe_to_reference=facing((0, 0, 0), depth=(1, 0, 0), right=(0, 1, 0)))
     >>> [round(edge, 2) for edge in frame.plane.extent]
     [-13.0, 13.0, 39.95, -0.05]
     """
@@ -57,37 +58,60 @@ class Frame:
 
     @classmethod
     def placed(
-        cls, pixels: ArrayLike, *, spacing_mm: float | tuple[float, float], image_to_reference: ArrayLike
+        cls,
+        pixels: ArrayLike,
+        *,
+        spacing_mm: float | tuple[float, float],
+        image_to_reference: ArrayLike | None = None,
+        probe_to_reference: ArrayLike | None = None,
     ) -> Frame:
-        """Return an image put on a plane: the middle of its first row lies at the pose's origin, as a probe's face."""
+        """Return an image put on a plane, by one of two poses.
+
+        Parameters
+        ----------
+        pixels : (rows, columns) array_like
+            Grey levels.
+        spacing_mm : float or (float, float)
+            Distance between pixel centres, across and down.
+        image_to_reference : (4, 4) array_like, optional
+            Rigid pose of the centre of pixel (0, 0).
+        probe_to_reference : (4, 4) array_like, optional
+            Rigid pose of the middle of the probe's face, where the middle of the first row lies.
+
+        Raises
+        ------
+        ValueError
+            Not one grey image; both poses or none; a pose that is not rigid.
+        """
         grey = np.asarray(pixels)
         if grey.ndim != 2 or grey.size == 0:
             raise ValueError(f"pixels has shape {grey.shape}; give one grey image of rows and columns")
+        if (image_to_reference is None) == (probe_to_reference is None):
+            raise ValueError("give image_to_reference (of pixel (0, 0)) or probe_to_reference, one of them")
+        at: dict[str, Any] = {"shape": grey.shape, "spacing_mm": spacing_mm}
+        if image_to_reference is not None:
+            return cls(grey, ImagePlane(image_to_reference=np.asarray(image_to_reference), **at))
         width = np.ravel(spacing_mm)[0] * (grey.shape[1] - 1)
-        plane = ImagePlane(
-            image_to_reference=np.asarray(image_to_reference, float),
-            shape=grey.shape,
-            spacing_mm=spacing_mm,  # type: ignore[arg-type]
-            corner_mm=(-width / 2, 0.0),
-        )
-        return cls(grey, plane)
+        face = pose.rigid("probe_to_reference", probe_to_reference)  # type: ignore[arg-type]  # one is given
+        return cls(grey, ImagePlane.placed(face, corner_mm=(-width / 2, 0.0), **at))
 
     @classmethod
     def read(
         cls,
-        path: str | Path,
+        path: str | PathLike[str],
         *,
-        image_to_reference: ArrayLike,
+        image_to_reference: ArrayLike | None = None,
+        probe_to_reference: ArrayLike | None = None,
         spacing_mm: float | tuple[float, float] | None = None,
         index: int = 0,
     ) -> Frame:
-        """Read one grey frame of an image file that SimpleITK knows (.mha, .png, ...).
+        """Read one grey frame of an image file that SimpleITK knows (.mha, .png, ...), placed as :meth:`placed` does.
 
         Raises
         ------
         ValueError
             A file that cannot be read, and a file without pixel sizes (a spacing of exactly 1)
-            where ``spacing_mm`` is not given.
+            where ``spacing_mm`` is not given; poses as :meth:`placed`.
         """
         path = regular_file(path, "frame", "the path of an image file")
         image = _read_picture(path)
@@ -107,7 +131,12 @@ class Frame:
                     f"frame = {str(path)!r} has no pixel size (its spacing is 1, 1); give spacing_mm, e.g. 0.1"
                 )
             spacing_mm = calibrated
-        return cls.placed(pixels, spacing_mm=spacing_mm, image_to_reference=image_to_reference)
+        return cls.placed(
+            pixels,
+            spacing_mm=spacing_mm,
+            image_to_reference=image_to_reference,
+            probe_to_reference=probe_to_reference,
+        )
 
     def deform(self, field: Field) -> Frame:
         """Return the frame as it looks in the tissue that a field has deformed (Fig. 2 e-f).
@@ -121,7 +150,7 @@ class Frame:
         with np.errstate(invalid="ignore"):
             source = field.inverse(self.plane.points)
             flat = pose.to_image(self.plane.image_to_reference, source)
-        index = (flat[:, :2] - self.plane.corner_mm) / self.plane.spacing_mm
+        index = flat[:, :2] / self.plane.spacing_mm
         known = np.isfinite(index).all(axis=1)
         columns, rows = np.nan_to_num(index, nan=-1.0).T
         last_row, last_column = np.array(self.pixels.shape) - 1
@@ -146,7 +175,7 @@ class Frame:
             draw_needle(ax, self.plane, needle)
         return ax
 
-    def write(self, path: str | Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write a picture (.png) or an image with its geometry (.mha, .nrrd, ...: one slice, LPS)."""
         from ..io.volumes import RAS_TO_LPS
         from ..io.writing import write_image

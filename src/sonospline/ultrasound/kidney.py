@@ -56,8 +56,8 @@ class KidneyPhantom:
     """Calyces by name: world positions of their middles."""
 
     @property
-    def probe_pose(self) -> NDArray[np.float64]:
-        """``ImageToReference`` of a probe pressed onto the flank, its plane along the kidney."""
+    def probe_to_reference(self) -> NDArray[np.float64]:
+        """``ProbeToReference`` of a probe pressed onto the flank, its plane along the kidney."""
         return pose.facing((_PROBE_X, _PROBE_Y, _PUSH), depth=(0, 0, 1), right=(1, 0, 0))
 
     @property

@@ -153,7 +153,7 @@ class Optics:
 
 
 def picture_plane(
-    probe: Probe, image_to_reference: Array, shape: tuple[int, int] | None, pixels: int = 512
+    probe: Probe, probe_to_reference: Array, shape: tuple[int, int] | None, pixels: int = 512
 ) -> ImagePlane:
     """Return the pixels of a probe's picture: square, as many as the shape or the longer side allows."""
     left, right, top, bottom = probe.footprint
@@ -163,9 +163,7 @@ def picture_plane(
         shape = (round(height / spacing), round(width / spacing))
     spacing = max(height / shape[0], width / shape[1])
     corner = ((left + right - (shape[1] - 1) * spacing) / 2, (top + bottom - (shape[0] - 1) * spacing) / 2)
-    return ImagePlane(
-        image_to_reference=image_to_reference, shape=shape, spacing_mm=(spacing, spacing), corner_mm=corner
-    )
+    return ImagePlane.placed(probe_to_reference, shape=shape, spacing_mm=(spacing, spacing), corner_mm=corner)
 
 
 class Scan(NamedTuple):

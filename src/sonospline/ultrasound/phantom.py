@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ class Phantom:
         finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)  # type: ignore[arg-type]
         return Phantom(finer, self.tissues)
 
-    def write(self, labels: str | Path, table: str | Path) -> None:
+    def save(self, labels: str | PathLike[str], table: str | PathLike[str]) -> None:
         """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""
         image = to_sitk(
             Volume(

@@ -93,7 +93,7 @@ class NodeSlice:
 
     def to_pyvista(self) -> Any:
         """Return a ``pyvista.StructuredGrid`` of the deformed nodes in the world, with their displacement."""
-        world = pose.to_reference(self.plane.image_to_reference, self.deformed.reshape(-1, 3))
+        world = pose.to_reference(self.plane.axes_to_reference, self.deformed.reshape(-1, 3))
         rotation = self.plane.image_to_reference[:3, :3]
         return _surface(world.reshape(self.deformed.shape), self.displacement @ rotation.T)
 
@@ -143,7 +143,7 @@ class PlaneSlice:
         flat = [np.column_stack([np.full(200, x), fine_y]) for x in across]
         flat += [np.column_stack([fine_x, np.full(200, y)]) for y in down]
         world = pose.to_reference(
-            self.plane.image_to_reference, np.column_stack([np.concatenate(flat), np.zeros(200 * len(flat))])
+            self.plane.axes_to_reference, np.column_stack([np.concatenate(flat), np.zeros(200 * len(flat))])
         )
         now = self.plane.project(self.field.forward(world))[:, :2]
         return list(now.reshape(len(flat), 200, 2))

@@ -16,7 +16,6 @@ from ..fields.grid_field import GridField, at_nodes
 from ..geometry import pose
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
-from ..geometry.plane import ImagePlane
 from . import needle_synthesis
 from .aim import aim
 from .frame import Frame
@@ -90,9 +89,9 @@ class Scanner:
         What is there.
     probe : Probe
         What looks at it.
-    image_to_reference : (4, 4) array_like
-        Pose: rigid transform from the probe's image frame (origin in the middle of its face, x lateral,
-        y depth, z elevation) to the world.
+    probe_to_reference : (4, 4) array_like
+        Pose: rigid transform from the probe (mm from the middle of its face: x lateral, y depth, z elevation)
+        to the world.
     display : Display, optional
         Gain, dynamic range, time-gain compensation, noise.
     needle_echo : NeedleEcho, optional
@@ -125,7 +124,7 @@ class Scanner:
         self,
         phantom: Phantom,
         probe: Probe,
-        image_to_reference: ArrayLike,
+        probe_to_reference: ArrayLike,
         *,
         display: Display | None = None,
         needle_echo: NeedleEcho | None = None,
@@ -144,17 +143,18 @@ class Scanner:
         if seed > _LARGEST_SEED:
             raise ValueError(f"seed = {seed} is too large; give at most {_LARGEST_SEED}")
         margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
-        transform = pose.rigid("image_to_reference", image_to_reference)
-        self._use(probe, picture_plane(probe, transform, picture_shape), margin_mm)
+        self.probe_to_reference = pose.rigid("probe_to_reference", probe_to_reference)
+        self._use(probe, picture_shape, margin_mm)
 
-    def moved(self, image_to_reference: ArrayLike) -> Scanner:
+    def moved(self, probe_to_reference: ArrayLike) -> Scanner:
         """Return the same scanner at another pose, with the image that a new one would show there.
 
         What does not depend on the pose is shared. Scatterers are chosen anew by the next :meth:`render`:
         tens of milliseconds, fast enough for a probe in a hand.
         """
         other = self._twin()
-        other.plane = replace(self.plane, image_to_reference=pose.rigid("image_to_reference", image_to_reference))
+        other.probe_to_reference = pose.rigid("probe_to_reference", probe_to_reference)
+        other.plane = picture_plane(self.probe, other.probe_to_reference, self.plane.shape)
         other._aimed = _Aimed(self.optics.plan(self._scan), self._aimed.margin_mm)
         return other
 
@@ -177,14 +177,8 @@ class Scanner:
         other = self._twin()
         for cached in ("_no_needle", "_noise_level", "_offset_db"):
             other.__dict__.pop(cached, None)
-        plane = picture_plane(probe, self.image_to_reference, self.plane.shape)
-        other._use(probe, plane, self._aimed.margin_mm)
+        other._use(probe, self.plane.shape, self._aimed.margin_mm)
         return other
-
-    @property
-    def image_to_reference(self) -> NDArray[np.float64]:
-        """Pose of the probe, (4, 4)."""
-        return self.plane.image_to_reference
 
     def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
         """Return the image of the deformed phantom.
@@ -212,7 +206,7 @@ class Scanner:
             echoes, shadow = self._no_needle
         else:
             echoes, shadow = needle_synthesis.echo(
-                self.needle_echo, needle, self.optics, self.image_to_reference, self.seed
+                self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed
             )
         noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
@@ -243,9 +237,10 @@ class Scanner:
         self.__dict__.update(state)
         self._aimed = _Aimed(self.optics.plan(self._scan), state["_aimed"])
 
-    def _use(self, probe: Probe, plane: ImagePlane, margin_mm: float) -> None:
-        self.probe, self.optics, self.plane = probe, Optics(probe), plane
-        self._scan = Scan.of(probe, plane)
+    def _use(self, probe: Probe, picture_shape: tuple[int, int] | None, margin_mm: float) -> None:
+        self.probe, self.optics = probe, Optics(probe)
+        self.plane = picture_plane(probe, self.probe_to_reference, picture_shape)
+        self._scan = Scan.of(probe, self.plane)
         self._aimed = _Aimed(self.optics.plan(self._scan), margin_mm)
 
     def _aim(self, grid: Grid, largest_mm: float) -> None:
@@ -253,7 +248,7 @@ class Scanner:
         aimed = self._aimed
         if largest_mm > aimed.margin_mm:
             aimed.margin_mm = 1.5 * largest_mm
-        seen = aim(self.phantom, self.optics, self.image_to_reference, grid, aimed.margin_mm, self.seed)
+        seen = aim(self.phantom, self.optics, self.probe_to_reference, grid, aimed.margin_mm, self.seed)
         if not len(seen.frames):
             logger.warning("the probe sees nothing: its plane misses the phantom, or all of it is fluid")
         aimed.plan.aim(*seen)
