@@ -46,7 +46,8 @@ class Slow:
         raise ValueError("no picture")
 
 inside = threading.Event()
-runner = Runner(Slow(), lambda shot, stamp: None)
+runner = Runner(Slow())
+runner.subscribe(lambda frame, stamp: None)
 inside.wait(60)
 sys.exit(7)
 """

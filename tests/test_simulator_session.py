@@ -1,8 +1,5 @@
 """The session: what a command becomes, the read-outs, passes, freeze, reset, and its thread."""
 
-import threading
-import time
-
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -10,7 +7,7 @@ from msgspec.structs import replace
 import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.models.elastic import ElasticInsertion
-from sonospline.simulator import Runner, SceneFile, Session, make_scene
+from sonospline.simulator import SceneFile, Session, make_scene
 from sonospline.simulator.skin_frame import SkinFrame, room_along
 from sonospline.ultrasound import Scanner
 
@@ -265,84 +262,3 @@ def test_folding_tissue_is_seen(scene):
     node = np.rint(grid.local(needle.tip[None])[0] / grid.spacing).astype(int)
     values[tuple(node)][0] = 1.2 * grid.spacing[0]
     assert folds(ss.GridField(grid, values), needle)
-
-
-def wait_for(condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.005)
-    return condition()
-
-
-def test_the_newest_command_wins_and_commands_keep_their_place(session):
-    """Commands asked for while a picture is made are forgotten but for the last; an undo is not overtaken."""
-    shots, gate = [], threading.Event()
-
-    def deliver(shot, stamp):
-        shots.append((stamp.seq, shot.command.needle.depth))
-        if stamp.seq:
-            gate.wait(60)
-
-    with Runner(session, deliver) as runner:
-        runner.ask(at_depth(session, 1.0), 1)
-        assert wait_for(lambda: shots and shots[-1][0] == 1)
-        for seq in range(2, 30):
-            runner.ask(at_depth(session, float(seq)), seq)
-        runner.do(Session.undo_pass)
-        runner.ask(at_depth(session, 7.0), 30)
-        gate.set()
-        assert wait_for(lambda: any(seq == 30 for seq, _ in shots))
-    seen = [seq for seq, _ in shots]
-    assert seen == sorted(seen)
-    assert {1, 29, 30} <= set(seen) <= {0, 1, 29, 30}
-    assert dict(shots)[30] == 7.0
-    assert session.last.metrics.passes == 1  # the first pass was undone
-
-
-def test_a_step_that_fails_leaves_the_last_picture(session, monkeypatch, caplog):
-    shots, complaints = [], []
-    with Runner(session, lambda shot, stamp: shots.append(shot), complain=complaints.append) as runner:
-        runner.ask(at_depth(session, 20.0), 1)
-        assert wait_for(lambda: shots and shots[-1].command.needle.depth == 20 and shots[-1].settled)
-        good = session.last
-        insertion = session._insertion()
-        with monkeypatch.context() as broken:
-            broken.setattr(insertion, "advance", lambda needle: 1 / 0)
-            runner.ask(at_depth(session, 30.0), 2)
-            assert wait_for(lambda: complaints)
-        assert session.command.needle.depth == 20
-        assert session.last.field is good.field
-        runner.ask(at_depth(session, 30.0), 3)
-        assert wait_for(lambda: session.command.needle.depth == 30)
-    assert complaints == ["division by zero"]
-    assert "the last picture stays" in caplog.text
-
-
-def test_a_frozen_session_sends_nothing(session):
-    shots = []
-    with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
-        runner.ask(at_depth(session, 20.0), 1)
-        assert wait_for(lambda: shots and shots[-1].settled and shots[-1].command.needle.depth == 20)
-        runner.ask(replace(session.command, frozen=True), 2)
-        assert wait_for(lambda: shots[-1].command.frozen)
-        count = len(shots)
-        time.sleep(0.4)
-        assert len(shots) == count
-        runner.ask(replace(session.command, frozen=False), 3)
-        assert wait_for(lambda: len(shots) > count + 2)  # noise lives again
-
-
-def test_elastic_tissue_comes_to_rest_by_itself(session):
-    shots = []
-    with Runner(session, lambda shot, stamp: shots.append(shot)) as runner:
-        runner.ask(at_depth(session, 45.0), 1)
-        assert wait_for(lambda: shots and shots[-1].command.needle.depth == 45 and shots[-1].settled)
-    assert shots[-1].readouts.estimate <= 5e-4
-
-
-def test_no_thread_is_left(session):
-    before = set(threading.enumerate())
-    with Runner(session, lambda shot, stamp: None) as runner:
-        runner.ask(at_depth(session, 5.0), 1)
-        assert len(threading.enumerate()) == len(before) + 1
-    assert set(threading.enumerate()) == before

@@ -25,6 +25,7 @@ from .session_pool import Kept
 if TYPE_CHECKING:
     from ..simulator.session import Session
     from ..simulator.shot import Shot
+    from ..simulator.subscription import Subscription
 
 logger = logging.getLogger(__name__)
 
@@ -61,6 +62,7 @@ class Connection:
         self._catalog, self._outbox, self.key = catalog, outbox, key
         self._loop = asyncio.get_running_loop()
         self._runner: Runner | None = None
+        self._frames: Subscription | None = None
         self._session: Session | None = None
         self._scene = ""
         self._loading: asyncio.Task[None] | None = None
@@ -124,8 +126,8 @@ class Connection:
         match message:
             case messages.Drawn():
                 self._flow.drawn(message.frame)
-                if self._runner is not None:
-                    self._runner.wake()
+                if self._frames is not None:
+                    self._frames.wake()
             case messages.Ping():
                 self._tell({"type": "pong"})
             case messages.State():
@@ -160,7 +162,7 @@ class Connection:
         except ValueError as error:
             raise MessageError("state", str(error), message.seq) from None
         self._seq = message.seq
-        runner.ask(message.command, message.seq)
+        runner.submit(message.command, message.seq)
 
     def _switch(self, model: str) -> None:
         if model not in MODELS:
@@ -215,7 +217,7 @@ class Connection:
             self._start(name, session)
 
     async def _end(self) -> None:
-        runner, self._runner, self._session = self._runner, None, None
+        runner, self._runner, self._frames, self._session = self._runner, None, None, None
         if runner is not None:
             runner.stop()
             while runner.alive:  # it is in the middle of a step
@@ -225,8 +227,9 @@ class Connection:
         self._scene, self._session, self._busy_at = name, session, time.monotonic()
         self._flow.begin(session)
         self._tell(wire.scene(name, session))
-        self._runner = Runner(
-            session, partial(self._deliver, session), complain=self._complain, ready=self._flow.may_send
+        self._runner = Runner(session)
+        self._frames = self._runner.subscribe(
+            partial(self._deliver, session), on_error=self._on_error, ready=self._flow.may_send, quick=True
         )
 
     def _deliver(self, session: Session, shot: Shot, stamp: Stamp) -> None:
@@ -244,14 +247,14 @@ class Connection:
             geometry = await asyncio.wrap_future(self._catalog.geometry(session, lambda: self._session is session))
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
-            self._complain(f"the 3-D view has no surfaces: {error}")
+            self._on_error(f"the 3-D view has no surfaces: {error}")
             return
         if self._session is session and self._runner is not None:
             self._put(geometry)
             self._flow.show(scene)
             self._runner.do(_look_again)  # where nothing moves, the positions come by one more frame
 
-    def _complain(self, line: str) -> None:
+    def _on_error(self, line: str) -> None:
         self._from_thread({"type": "notice", "level": "fault", "message": line})
 
     def _from_thread(self, message: dict[str, Any]) -> None:

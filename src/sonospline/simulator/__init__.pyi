@@ -13,3 +13,4 @@ from .scene_maker import make_scene as make_scene
 from .session import Session as Session
 from .shot import Readouts as Readouts
 from .shot import Shot as Shot
+from .subscription import Subscription as Subscription

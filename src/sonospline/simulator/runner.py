@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import logging
 import threading
 import time
 import weakref
@@ -14,20 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 from .arrival_clock import ArrivalClock
 from .command import Command
+from .subscription import Callback, ErrorLog, OnError, Subscription, WhenFull
 
 if TYPE_CHECKING:
     from .session import Session
-    from .shot import Shot
-
-logger = logging.getLogger(__name__)
 
 RATE_HZ = 90.0
 IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
-_FAULTS_APART_S = 1.0
 _FRESH_S = 0.003
 _LAST_STEP_S = 5.0
 """How long the end of the process waits for steps that are under way."""
+_LAST_FRAME_S = 1.0
+"""How long a runner that ends waits for its subscribers."""
 
 _runners: weakref.WeakSet[Runner] = weakref.WeakSet()
 
@@ -53,35 +51,28 @@ class Stamp:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Submitted:
     command: Command
     seq: int
     since: float
 
 
-Deliver = Callable[["Shot", Stamp], None]
 Action = Callable[["Session"], Any]
-Complain = Callable[[str], None]
 
 
 class Runner:
-    """Steps a session at a fixed rate and hands every new picture on.
+    """Steps a session at a fixed rate, in a thread of its own, and hands every new frame to its subscribers.
 
-    While nothing changes it makes a few pictures a second; while the session is frozen, none. A step that fails is
-    logged and reported, and the last good picture stays.
+    While nothing changes it makes a few frames a second; while the session is frozen, or every
+    subscriber says that it is not ready, none. A step that fails is logged and reported to all, and
+    the last good frame stays.
 
     Parameters
     ----------
     session : Session
         Touched by the runner's thread alone from now on; use :meth:`do` for everything but commands.
-    deliver : callable
-        Called as ``deliver(shot, stamp)`` in the runner's thread.
-    complain : callable, optional
-        Called with one line in the runner's thread when a step or a action fails.
-    ready : callable, optional
-        Asked before each step whether a picture could be handed on; call :meth:`wake` when that changes.
     rate_hz : float, default: 90
-        Most pictures a second.
+        Most frames a second.
 
     Examples
     --------
@@ -93,46 +84,96 @@ class Runner:
     ... needle = {u = -34, angle = 38}
     ... ''')
     >>> session, seen = Session(scene, model="paper"), threading.Event()
-    >>> with Runner(session, lambda shot, stamp: seen.set() if stamp.seq == 7 else None) as runner:
-    ...     runner.ask(session.scene.start.with_needle(depth=20), 7)
+    >>> with Runner(session) as runner:
+    ...     subscription = runner.subscribe(lambda frame, stamp: seen.set() if stamp.seq == 7 else None)
+    ...     runner.submit(session.scene.start.with_needle(depth=20), 7)
     ...     seen.wait(60)
     True
-    >>> session.command.needle.depth
-    20
+    >>> session.command.needle.depth, subscription.given > 0, subscription.closed
+    (20, True, True)
     """
 
-    def __init__(
-        self,
-        session: Session,
-        deliver: Deliver,
-        *,
-        complain: Complain | None = None,
-        ready: Callable[[], bool] | None = None,
-        rate_hz: float = RATE_HZ,
-    ) -> None:
+    def __init__(self, session: Session, *, rate_hz: float = RATE_HZ) -> None:
         self.session = session
-        self._deliver, self._complain = deliver, complain or (lambda line: None)
-        self._ready = ready or (lambda: True)
         self._period = 1 / rate_hz
-        self._queue: deque[_Asked | Action] = deque()
+        self._subscriptions: tuple[Subscription, ...] = ()
+        self._queue: deque[_Submitted | Action] = deque()
         self._changed = threading.Condition()
         self._arrivals = ArrivalClock()
         self._closed = False
         self._seq = 0
         self._restless = True
-        self._complained: tuple[str, float] = ("", -_FAULTS_APART_S)
+        self._errors = ErrorLog()
         self._thread = threading.Thread(target=self._run, name="sonospline-session", daemon=True)
         _runners.add(self)
         self._thread.start()
 
-    def ask(self, command: Command, seq: int, since: float | None = None) -> None:
-        """Command for something; an older command that was not yet looked at is forgotten."""
-        asked = _Asked(command, seq, time.perf_counter() if since is None else since)
+    def subscribe(
+        self,
+        callback: Callback,
+        *,
+        on_error: OnError | None = None,
+        ready: Callable[[], bool] | None = None,
+        capacity: int = 1,
+        when_full: WhenFull = "latest",
+        quick: bool = False,
+    ) -> Subscription:
+        """Hand frames to a subscriber from now on, in a thread of its own.
+
+        Parameters
+        ----------
+        callback : callable
+            Called as ``callback(frame, stamp)``, one frame after the other.
+        on_error : callable, optional
+            Called with one line, in the same thread, when a step or an action failed, when the
+            callback raised, or when frames were refused.
+        ready : callable, optional
+            Whether a frame is welcome; it must answer at once, in any thread. Call the subscription's
+            ``wake`` when the answer changes.
+        capacity : int, default: 1
+            Frames that may wait while the subscriber is busy or not ready.
+        when_full : {"latest", "refuse"}, default: "latest"
+            Whether a new frame takes the place of the oldest that waits, or is refused: ``"refuse"``
+            with a large capacity gives every frame, and an error where some were lost.
+        quick : bool, default: False
+            Have frames handed on in the session's own thread, without the tenth of a millisecond that
+            another one takes to wake. For a callback that takes few milliseconds and waits for nothing;
+            one that is slow three times in a row gets a thread after all.
+
+        Returns
+        -------
+        Subscription
+            With counts of the frames given and dropped, ``wake`` and ``close``.
+        """
+        subscription = Subscription(
+            callback, on_error=on_error, ready=ready, capacity=capacity, when_full=when_full, quick=quick,
+            wake_loop=self.wake,
+        )  # fmt: skip
         with self._changed:
-            self._arrivals.beat(asked.since)
-            if self._queue and isinstance(self._queue[-1], _Asked):
+            self._subscriptions = (*(one for one in self._subscriptions if not one.closed), subscription)
+            if self._closed:
+                subscription.close()
+            self._changed.notify()
+        return subscription
+
+    def submit(self, command: Command, seq: int, since: float | None = None) -> None:
+        """Give a command; an older one that was not yet looked at is forgotten.
+
+        Parameters
+        ----------
+        command : Command
+            The whole of it.
+        seq : int
+            Its number, which the stamp of its frames has.
+        since : float, optional
+            ``time.perf_counter()`` when it came; by default now.
+        """
+        submitted = _Submitted(command, seq, time.perf_counter() if since is None else since)
+        with self._changed:
+            self._arrivals.beat(submitted.since)
+            if self._queue and isinstance(self._queue[-1], _Submitted):
                 self._queue.pop()
-            self._queue.append(asked)
+            self._queue.append(submitted)
             self._changed.notify()
 
     def do(self, action: Action) -> None:
@@ -147,7 +188,7 @@ class Runner:
         return len(self._queue)
 
     def wake(self) -> None:
-        """Look again whether a picture could be handed on."""
+        """Look again whether a frame is welcome."""
         with self._changed:
             self._changed.notify()
 
@@ -168,9 +209,12 @@ class Runner:
             self._thread.join(timeout)
 
     def close(self) -> None:
-        """End the thread, and wait until it has ended."""
+        """End the thread, and wait until it and those of the subscribers have ended; not long for one that is stuck."""
         self.stop()
         self.join()
+        deadline = time.monotonic() + _LAST_FRAME_S
+        for subscription in self._subscriptions:
+            subscription.join(max(0.0, deadline - time.monotonic()))
 
     def __enter__(self) -> Runner:
         return self
@@ -182,60 +226,69 @@ class Runner:
         begun = -1.0
         while self._wait(begun):
             begun = time.perf_counter()
-            asked = self._obey()
+            submitted = self._obey()
             try:
-                shot = self.session.step(None if asked is None else asked.command)
-                if asked is not None:
-                    self._seq = asked.seq
-                self._restless = not shot.settled and not shot.command.frozen
-                self._deliver(shot, Stamp(self._seq, begun if asked is None else asked.since))
-            except Exception as error:  # the session goes on with its last picture, whatever failed
+                frame = self.session.step(None if submitted is None else submitted.command)
+            except Exception as error:  # the session goes on with its last frame, whatever failed
                 self._restless = False
-                self._fault(error)
+                self._report(error)
+                continue
+            if submitted is not None:
+                self._seq = submitted.seq
+            self._restless = not frame.settled and not frame.command.frozen
+            stamp = Stamp(self._seq, begun if submitted is None else submitted.since)
+            for subscription in self._subscriptions:
+                subscription.offer(frame, stamp)
+        for subscription in self._subscriptions:
+            subscription.close()
 
     def _wait(self, begun: float) -> bool:
         """Sleep until there is something to do; False when closed."""
-        with self._changed:
-            while not self._closed:
+        while True:
+            for subscription in self._subscriptions:
+                subscription.hand_on()
+            with self._changed:
+                if self._closed:
+                    return False
+                if any(one.can_hand_on for one in self._subscriptions):
+                    continue  # it became ready meanwhile
                 now = time.perf_counter()
                 busy = bool(self._queue) or self._restless
                 frozen = self.session.command.frozen and self.session.last is not None
                 due = begun + (self._period if busy else 1 / IDLE_HZ)
-                may = self._ready() and (busy or not frozen)
+                may = self._is_wanted() and (busy or not frozen)
                 if may and busy:
                     due = max(due, self._next_command(now))
                 if may and now >= due:
                     return True
                 self._changed.wait(due - now if may else None)
-            return False
+
+    def _is_wanted(self) -> bool:
+        """Whether anybody welcomes a frame; without subscribers, commands are followed all the same."""
+        open_ones = [one for one in self._subscriptions if not one.closed]
+        return any(one.is_ready for one in open_ones) if open_ones else bool(self._queue)
 
     def _next_command(self, now: float) -> float:
         """When to stop waiting for a command that will take the place of the only one there is; else long ago."""
-        stale = len(self._queue) == 1 and isinstance(self._queue[0], _Asked) and self._queue[0].since < now - _FRESH_S
+        only = self._queue[0] if len(self._queue) == 1 else None
+        stale = isinstance(only, _Submitted) and only.since < now - _FRESH_S
         return (self._arrivals.worth_waiting_until(now) if stale else None) or -1.0
 
-    def _obey(self) -> _Asked | None:
-        """Do what was asked up to the next command, and return that."""
+    def _obey(self) -> _Submitted | None:
+        """Do what waits up to the next command, and return that."""
         while True:
             with self._changed:
                 if not self._queue:
                     return None
                 item = self._queue.popleft()
-            if isinstance(item, _Asked):
+            if isinstance(item, _Submitted):
                 return item
             try:
                 item(self.session)
             except Exception as error:
-                self._fault(error)
+                self._report(error)
 
-    def _fault(self, error: Exception) -> None:
-        line, now = str(error) or type(error).__name__, time.perf_counter()
-        said, when = self._complained
-        if line == said and now - when < _FAULTS_APART_S:
-            return
-        self._complained = (line, now)
-        if isinstance(error, ValueError):
-            logger.warning("refused: %s", line)
-        else:
-            logger.error("a step failed, the last picture stays: %s", line, exc_info=error)
-        self._complain(line)
+    def _report(self, error: Exception) -> None:
+        line = self._errors.line_of(error, "a step failed, the last frame stays")
+        for subscription in self._subscriptions:
+            subscription.report(line)
