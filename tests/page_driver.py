@@ -64,7 +64,7 @@ window.WebSocket = class extends Native {
     }
     send(text) {
         const {type, seq, needle} = JSON.parse(text);
-        if (type === "state") {
+        if (type === "command") {
             link.seq = seq;
             link.asked.push(needle.depth);
             link.lead = Math.max(link.lead, Math.abs(needle.depth - link.shown));
@@ -193,7 +193,7 @@ class Driver:
 
     def knob(self, axis):
         """The unrounded value of a stepper."""
-        return float(self.page.locator(f"[data-axis={axis}]:visible").get_attribute("data-value"))
+        return float(self.page.locator(f"[data-knob$={axis}]:visible").get_attribute("data-value"))
 
     def hold(self, key, until):
         self.page.keyboard.down(key)

@@ -89,7 +89,7 @@ class Client:
     def ask(self, **needle):
         self.seq += 1
         self.state["needle"].update(needle)
-        self.send(type="state", seq=self.seq, **self.state)
+        self.send(type="command", seq=self.seq, **self.state)
         return self.seq
 
     def frame(self, seq=None, seconds=60, draw=True):

@@ -44,7 +44,7 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
     # the same states in the same order: every number and every pixel is the library's
     session = Session("kidney")
     session.step()  # the server makes a first picture before anybody asks
-    for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["frozen"]]:
+    for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["state"]["frozen"]]:
         shot = session.step(command_of(header["state"]))
         sent = pixels
     np.testing.assert_array_equal(shown, sent)

@@ -18,7 +18,7 @@ def leave_the_menu(page):
 
 
 def type_an_angle(page):
-    page.locator("[data-axis=angle]:visible").click()
+    page.locator("[data-knob$=angle]:visible").click()
     page.keyboard.type("40")
     page.keyboard.press("Enter")
 

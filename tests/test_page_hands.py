@@ -50,7 +50,7 @@ def test_the_mouse_turns_the_wheel_drags_the_handle_and_types(drive):
         page.mouse.move(x + 4 * k * across[0], y + 4 * k * across[1])
     driver.until(knob("angle", f"Math.abs(v - {angle}) > 1"))
     page.mouse.up()
-    field = page.locator("[data-axis=sweep]:visible")
+    field = page.locator("[data-knob$=sweep]:visible")
     field.fill("3.5")
     field.press("Enter")
     driver.until("document.querySelector('.out-of-plane .note').textContent === 'sweep towards you'")
@@ -107,7 +107,7 @@ def test_a_gamepad_pushes_slides_and_freezes(drive):
     driver.settled()
     depth = driver.value("depth")
     driver.evaluate("window.pad.buttons[7] = {pressed: false, value: 0}; window.pad.axes[0] = 1; window.plugged = true")
-    driver.until("Number(document.querySelector('[data-axis=slide]').dataset.value) > 2")
+    driver.until("Number(document.querySelector('[data-knob$=slide]').dataset.value) > 2")
     driver.evaluate("window.pad.axes[0] = 0.1")  # within the dead zone
     driver.settled()
     assert driver.value("depth") == depth
@@ -117,7 +117,7 @@ def test_a_gamepad_pushes_slides_and_freezes(drive):
 
 def knob(axis, test):
     """A question about the value of a stepper."""
-    return f"((v) => {test})(Number(document.querySelector('[data-axis={axis}]').dataset.value))"
+    return f"((v) => {test})(Number(document.querySelector('[data-knob$={axis}]').dataset.value))"
 
 
 def middle(driver, selector):

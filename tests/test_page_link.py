@@ -68,7 +68,7 @@ def cut(driver):
 
 # What a person has set and done, but for the clock of the pass.
 ALL = """() => [
-    ...[...document.querySelectorAll("[data-axis]")].filter((e) => e.checkVisibility()).map((e) => e.dataset.value),
+    ...[...document.querySelectorAll("[data-knob]")].filter((e) => e.checkVisibility()).map((e) => e.dataset.value),
     ...[...document.querySelectorAll("output.number")].map((e) => e.dataset.value),
     ...[...document.querySelectorAll(".pass dd")].slice(1).map((e) => e.textContent),
     document.querySelector("[data-model][aria-checked=true]").dataset.model,

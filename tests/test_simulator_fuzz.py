@@ -11,15 +11,15 @@ import pytest
 
 from simulator_client import Client, websockets
 from simulator_scenes import SMALL, SMALL_PAPER
-from sonospline.server import messages
-from sonospline.server.messages import MOST_SEQ, MessageError
+from sonospline.server import client_messages as messages
+from sonospline.server.client_messages import MOST_SEQ, MessageError
 from sonospline.simulator import SceneError, SceneFile
 from sonospline.simulator.command import Command
 
 EVERY_DAY, SLOWLY = 2_000, 50_000
 
 STATE = {
-    "type": "state", "seq": 1, "frozen": False,
+    "type": "command", "seq": 1, "frozen": False,
     "needle": {"u": -34.0, "v": 0.0, "angle": 38.0, "swing": 0.0, "depth": 10.0},
     "probe": {"slide": 0.0, "sweep": 0.0, "rotate": 0.0, "fan": 0.0},
     "image": {"gain": 0.0, "depth": 30.0, "frequency": 2.0, "focus": 20.0},
@@ -91,7 +91,7 @@ def test_messages_are_read_or_refused_in_one_line(tries):
             assert error.seq is None or 0 <= error.seq <= MOST_SEQ
         else:
             read += 1
-            if isinstance(message, messages.State):
+            if isinstance(message, messages.CommandMessage):
                 assert isinstance(message.command, Command)
     assert 0.02 * tries < read < 0.9 * tries
 
@@ -112,7 +112,7 @@ def test_each_wild_value_has_one_clear_refusal(value):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('{"type": "state", "seq": 1, "seq": 2}', "holds 'seq' twice; give each key once"),
+        ('{"type": "command", "seq": 1, "seq": 2}', "holds 'seq' twice; give each key once"),
         ('{"type": "drawn", "frame": 1' + "0" * 400 + "}", "frame = (a whole number of 401 digits) is out of range"),
         ('{"type": "drawn", "frame": -1}', "frame = -1 is out of range; give a whole number from 0"),
         ('{"type": "target", "id": "\\udfff"}', "id holds half a character (a lone surrogate); give a text"),

@@ -13,8 +13,8 @@ import pytest
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import rate_limits
+from sonospline.server.client_messages import MessageError
 from sonospline.server.connection import MOST_ACTIONS, MOST_REFUSALS, Connection
-from sonospline.server.messages import MessageError
 from sonospline.server.outbox import Outbox
 from sonospline.server.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
 from sonospline.server.scene_catalog import SceneCatalog
@@ -30,12 +30,12 @@ def patient_page(running):
 def nan_state(page):
     state = json.loads(json.dumps(page.state))
     state["needle"]["depth"] = float("nan")
-    return json.dumps({"type": "state", "seq": page.seq + 1, **state})
+    return json.dumps({"type": "command", "seq": page.seq + 1, **state})
 
 
 def without(page, part):
     state = {key: value for key, value in page.state.items() if key != part}
-    return json.dumps({"type": "state", "seq": page.seq + 1, **state})
+    return json.dumps({"type": "command", "seq": page.seq + 1, **state})
 
 
 @pytest.mark.parametrize(
@@ -44,12 +44,12 @@ def without(page, part):
         (lambda page: "push!", "message", "is not JSON"),
         (lambda page: "[" * 30_000, "message", "is not JSON"),
         (lambda page: "[1]", "message", "is no JSON object"),
-        (lambda page: '{"type": "launch"}', "message", "type = 'launch' is not known; send one of state"),
+        (lambda page: '{"type": "launch"}', "message", "type = 'launch' is not known; send one of command"),
         (lambda page: '{"type": ["state"]}', "message", "is not known"),
         (lambda page: b"\x00\x01", "message", "is binary"),
-        (nan_state, "state", "needle.depth = nan is not finite"),
-        (lambda page: without(page, "probe"), "state", "probe is missing; give a table of slide"),
-        (lambda page: '{"type": "state", "seq": true}', "state", "seq = True is of the wrong kind"),
+        (nan_state, "command", "needle.depth = nan is not finite"),
+        (lambda page: without(page, "probe"), "command", "probe is missing; give a table of slide"),
+        (lambda page: '{"type": "command", "seq": true}', "command", "seq = True is of the wrong kind"),
         (lambda page: '{"type": "drawn", "frame": 999999}', "drawn", "frame = 999999 is not in flight"),
         (lambda page: '{"type": "model", "model": "magic"}', "model", "choose one of paper"),
         (lambda page: '{"type": "target", "id": "moon"}', "target", "choose one of vessel"),
@@ -74,9 +74,9 @@ def test_bad_messages_are_refused_and_the_session_goes_on(patient_page, message,
 
 def test_states_out_of_order_or_beyond_limits_are_refused(page):
     page.frame(page.ask(depth=12.0))
-    page.send(type="state", seq=page.seq, **page.state)
+    page.send(type="command", seq=page.seq, **page.state)
     refused = page.text("refused")
-    assert (refused["what"], refused["seq"]) == ("state", page.seq)
+    assert (refused["what"], refused["seq"]) == ("command", page.seq)
     assert "out of order" in refused["message"]
     page.ask(u=900.0)
     assert "needle.u = 900 is out of range; give -60 to 60" in page.text("refused")["message"]

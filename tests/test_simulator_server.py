@@ -16,15 +16,18 @@ from sonospline.simulator import Session
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
-    assert page.hello["protocol"] == 1
+    assert page.hello["protocol"] == 2
     assert [scene["id"] for scene in page.hello["scenes"]] == ["small", "kidney", "gel", "cube"]
     scene = page.scene
     assert scene["frame"]["out"] == [0, -1, 0]
     assert scene["box"]["low"] == [0, 0, 0]
     assert scene["box"]["high"] == pytest.approx([120, 60, 70])
     assert [model["id"] for model in scene["models"]] == ["paper", "kelvinlet", "elastic"]
-    assert scene["probe"]["kind"] == "linear"
-    assert scene["limits"]["needle"]["depth"] == [0, 80]
+    first, last = scene["probe"]["beams"][0], scene["probe"]["beams"][-1]
+    assert [*first, *last] == pytest.approx([-19, 0, 0, 1, 19, 0, 0, 1])
+    knobs = {knob["id"]: knob for knob in scene["knobs"]}
+    assert (knobs["needle.depth"]["low"], knobs["needle.depth"]["high"]) == (0, 80)
+    assert knobs["image.gain"]["keys"] == ["Minus", "Equal"]
     assert [target["id"] for target in scene["targets"]] == ["vessel", "beside"]
     assert page.state["needle"]["depth"] == 0
     assert scene["start"] == scene["state"]
@@ -166,13 +169,13 @@ def test_freezing_holds_until_released(page):
     page.frame(page.ask(depth=10.0))
     page.state["frozen"] = True
     header, _ = page.frame(page.ask(depth=15.0))
-    assert header["frozen"]
+    assert header["state"]["frozen"]
     assert header["state"]["needle"]["depth"] == 10
     with pytest.raises(TimeoutError):
         page.socket.recv(timeout=0.5)
     page.state["frozen"] = False
     header, _ = page.frame(page.ask(depth=15.0))
-    assert (header["frozen"], header["state"]["needle"]["depth"]) == (False, 15)
+    assert (header["state"]["frozen"], header["state"]["needle"]["depth"]) == (False, 15)
 
 
 def test_another_scene_takes_over_and_a_bad_one_does_not(page):
@@ -197,5 +200,7 @@ def test_pages_health_and_schema(running):
     assert running.get("/healthz") == (200, "ok")
     status, body = running.get("/")
     assert (status == 503 and "./run" in body) or (status == 200 and "<html" in body)
+    status, body = running.get("/api/protocol-schema.json")
+    assert (status, json.loads(body)["title"]) == (200, "Protocol")
     status, body = running.get("/api/scene-schema.json")
     assert json.loads(body)["title"] == "Sonospline scene"

@@ -18,7 +18,6 @@ export class Curves {
       this.entry = entry;
       this.moved.clear();
     }
-    if (readouts.moved === null) return;
     let points = this.moved.get(model);
     if (!points) this.moved.set(model, (points = new Map()));
     points.set(Math.round(readouts.depth / BIN), [readouts.depth, readouts.moved]);

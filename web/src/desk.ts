@@ -1,8 +1,8 @@
 /** Between hands and session: what is held, how fast, and the switches that are the page's own. */
 
-import { AXES, limits, read, type AxisId } from "./axes";
 import { Goals } from "./goals";
-import type { ActionId } from "./keys";
+import { bindings, type ActionId, type Binding } from "./keys";
+import { ACROSS, ALONG, ANGLE, PUSH, read, SWING } from "./knobs";
 import { Motion, PACE, type Pace } from "./motion";
 import { RESTORE, type Session } from "./session";
 import { Signal } from "./signal";
@@ -26,8 +26,10 @@ const HAND = "sonospline-hand";
 export class Desk {
   readonly motion = new Motion();
   private readonly goals = new Goals();
-  /** Axes that hands moved steadily a moment ago. */
-  private moved = new Set<AxisId>();
+  /** Knobs that hands moved steadily a moment ago. */
+  private moved = new Set<string>();
+  /** What the keys do in this scene. */
+  keys: ReadonlyMap<string, Binding> = bindings([]);
   readonly switches: Switches = {
     guides: true, grid: false, colours: false, probeView: false, placing: false, swapped: false,
     leftHanded: localStorage.getItem(HAND) === "left", help: false,
@@ -44,86 +46,89 @@ export class Desk {
     session.statusChanged.on((status) => {
       if (status !== "live") this.stop();
     });
-    session.sceneReady.on(() => this.flip("placing", false));
-    session.commanded.on((command) => {
-      if (command.needle.depth > 0 && this.goal("push") !== 0) this.flip("placing", false);
+    session.sceneReady.on((scene) => {
+      this.keys = bindings(scene.knobs);
+      this.flip("placing", false);
     });
-    session.limited.on(([axis, sign]) => {
-      this.motion.stopAxis(axis, sign);
-      if (Math.sign((this.goal(axis) ?? 0) - session.shown(axis)) === sign) this.forget(axis);
+    session.commanded.on((command) => {
+      if (command.needle.depth > 0 && this.goal(PUSH) !== 0) this.flip("placing", false);
+    });
+    session.limited.on(([{ id }, sign]) => {
+      this.motion.stopKnob(id, sign);
+      if (Math.sign((this.goal(id) ?? 0) - session.shown(id)) === sign) this.forget(id);
     });
   }
 
   /** A held source goes down; the first step is made at once. */
-  press(source: string, axis: AxisId, sign: number): void {
+  press(source: string, id: string, sign: number): void {
     if (!this.session.answers) return;
-    const step = this.motion.press(source, this.steered(axis), sign);
-    if (step) this.nudge(step.axis, step.by);
+    const step = this.motion.press(source, this.session.knob(this.steered(id)), sign);
+    if (step) this.nudge(step.knob.id, step.by);
   }
 
   /** One step at once. */
-  tap(axis: AxisId, sign: number): void {
-    this.press("tap", axis, sign);
+  tap(id: string, sign: number): void {
+    this.press("tap", id, sign);
     this.release("tap");
   }
 
-  /** A hand moves an axis: what it was going to is forgotten. */
-  nudge(axis: AxisId, by: number): void {
-    this.forget(axis);
-    this.session.nudge(axis, by);
+  /** A hand moves a knob: what it was going to is forgotten. */
+  nudge(id: string, by: number): void {
+    this.forget(id);
+    this.session.nudge(id, by);
   }
 
   /** Go to a place at a speed, by default the chosen one; settings are there at once. */
-  goTo(axis: AxisId, value: number, pace: Pace | null = null): void {
-    if (!this.session.answers || !this.session.scene || !Number.isFinite(value)) return;
-    if (AXES[axis].setting) return this.session.setAxis(axis, value);
-    const [low, high] = limits(this.session.scene.limits, axis);
-    this.goals.set(axis, clamp(value, low, high), pace);
+  goTo(id: string, value: number, pace: Pace | null = null): void {
+    if (!this.session.answers || !Number.isFinite(value)) return;
+    const knob = this.session.knob(id);
+    if (knob.setting) return this.session.setKnob(id, value);
+    this.goals.set(knob, clamp(value, knob.low, knob.high), pace);
     this.aimed.emit();
   }
 
-  /** Where an axis is going; null where it goes nowhere. */
-  goal(axis: AxisId): number | null {
-    return this.goals.get(axis);
+  /** Where a knob is going; null where it goes nowhere. */
+  goal(id: string): number | null {
+    return this.goals.get(id);
   }
 
   /** Stay where the picture is. */
-  halt(axis: AxisId): void {
-    if (this.goal(axis) === null) return;
-    this.forget(axis);
-    this.session.letGo(axis, PACE[this.motion.pace]);
+  halt(id: string): void {
+    if (this.goal(id) === null) return;
+    this.forget(id);
+    this.session.letGo(id, PACE[this.motion.pace]);
   }
 
-  private forget(axis: AxisId): void {
-    if (this.goals.stop(axis)) this.aimed.emit();
+  private forget(id: string): void {
+    if (this.goals.stop(id)) this.aimed.emit();
   }
 
   release(source: string): void {
     this.motion.release(source);
   }
 
-  drive(source: string, axis: AxisId, speed: number): void {
-    const moves = this.session.answers && speed !== 0;
-    if (moves) this.forget(this.steered(axis));
-    this.motion.drive(source, this.steered(axis), moves ? speed : 0);
+  drive(source: string, id: string, speed: number): void {
+    if (!this.session.answers || speed === 0) return this.motion.release(source);
+    this.forget(this.steered(id));
+    this.motion.drive(source, this.session.knob(this.steered(id)), speed);
   }
 
   stop(): void {
     this.motion.stop();
     this.paced.emit(this.motion.pace);
-    for (const axis of this.goals.axes) this.halt(axis);
+    for (const id of this.goals.ids) this.halt(id);
   }
 
   /** Once an animation frame. */
   advance(seconds: number): void {
     const { motion, goals, session } = this;
     if (!session.answers) return this.moved.clear();
-    for (const { axis, by } of motion.advance(seconds)) session.nudge(axis, by);
-    const going = goals.axes.length;
-    for (const { axis, by } of goals.advance(seconds, (axis) => session.value(axis), motion.pace)) session.nudge(axis, by);
-    if (goals.axes.length < going) this.aimed.emit();
+    for (const { knob, by } of motion.advance(seconds)) session.nudge(knob.id, by);
+    const going = goals.ids.length;
+    for (const { knob, by } of goals.advance(seconds, ({ id }) => session.value(id), motion.pace)) session.nudge(knob.id, by);
+    if (goals.ids.length < going) this.aimed.emit();
     const now = motion.steady;
-    for (const axis of this.moved) if (!now.has(axis) && this.goal(axis) === null) session.letGo(axis, PACE[motion.pace]);
+    for (const id of this.moved) if (!now.has(id) && this.goal(id) === null) session.letGo(id, PACE[motion.pace]);
     this.moved = now;
   }
 
@@ -141,7 +146,7 @@ export class Desk {
   flip(name: keyof Switches, on = !this.switches[name]): void {
     if (this.switches[name] === on) return;
     this.switches[name] = on;
-    if (name === "placing" && !on) for (const axis of ["along", "across"] as const) this.forget(axis);
+    if (name === "placing" && !on) for (const id of [ALONG, ACROSS]) this.forget(id);
     if (name === "grid") this.session.setGrid(on);
     if (name === "leftHanded") localStorage.setItem(HAND, on ? "left" : "right");
     this.switched.emit(this.switches);
@@ -192,13 +197,14 @@ export class Desk {
 
   /** Out to the skin: nothing is aimed at on this way, so it goes fast. */
   private withdraw(): void {
-    this.goTo("push", 0, "fast");
+    this.goTo(PUSH, 0, "fast");
   }
 
   /** The probe back to where the scene put it. */
   private recentre(): void {
     const { scene } = this.session;
-    if (scene) for (const axis of PROBE_AXES) this.goTo(axis, read(scene.start, axis), "fast");
+    if (!scene) return;
+    for (const knob of scene.knobs) if (knob.group === "probe") this.goTo(knob.id, read(scene.start, knob), "fast");
   }
 
   private reset(): void {
@@ -216,18 +222,11 @@ export class Desk {
   private nextModel(): number {
     const models = this.session.scene?.models ?? [];
     const now = models.findIndex((model) => model.id === this.session.model);
-    for (let k = 1; k <= models.length; k += 1) {
-      if (models[(now + k) % models.length].available) return (now + k) % models.length;
-    }
-    return now;
+    return (now + 1) % models.length;
   }
 
-  private steered(axis: AxisId): AxisId {
-    if (!this.switches.placing) return axis;
-    return axis === "angle" ? "along" : axis === "swing" ? "across" : axis;
+  private steered(id: string): string {
+    if (!this.switches.placing) return id;
+    return id === ANGLE ? ALONG : id === SWING ? ACROSS : id;
   }
 }
-
-/** The axes a stepper shows, in the order of the dock. */
-export const PROBE_AXES = ["slide", "sweep", "rotate", "fan"] as const satisfies readonly AxisId[];
-export const IMAGE_AXES = ["gain", "depth", "frequency", "focus"] as const satisfies readonly AxisId[];

@@ -1,45 +1,41 @@
-/** Places to go to at a speed, an axis each: a goal ends when it is reached, replaced or stopped. */
+/** Places to go to at a speed, a knob each: a goal ends when it is reached, replaced or stopped. */
 
-import { AXES, type AxisId } from "./axes";
 import { PACE, type Increment, type Pace } from "./motion";
+import type { Knob } from "./protocol";
 import { clamp } from "./vec";
 
 const REACHED = 1e-6;
 
-interface Goal { value: number; pace: Pace | null }
+interface Goal { knob: Knob; value: number; pace: Pace | null }
 
 export class Goals {
-  private readonly goals = new Map<AxisId, Goal>();
+  private readonly goals = new Map<string, Goal>();
 
   /** `pace` null: the speed that is chosen at the moment. */
-  set(axis: AxisId, value: number, pace: Pace | null): void {
-    this.goals.set(axis, { value, pace });
+  set(knob: Knob, value: number, pace: Pace | null): void {
+    this.goals.set(knob.id, { knob, value, pace });
   }
 
-  get(axis: AxisId): number | null {
-    return this.goals.get(axis)?.value ?? null;
+  get(id: string): number | null {
+    return this.goals.get(id)?.value ?? null;
   }
 
-  stop(axis: AxisId): boolean {
-    return this.goals.delete(axis);
+  stop(id: string): boolean {
+    return this.goals.delete(id);
   }
 
-  stopAll(): void {
-    this.goals.clear();
-  }
-
-  get axes(): AxisId[] {
+  get ids(): string[] {
     return [...this.goals.keys()];
   }
 
-  /** What to move in the next `seconds`; `at` says where an axis is. */
-  advance(seconds: number, at: (axis: AxisId) => number, chosen: Pace): Increment[] {
+  /** What to move in the next `seconds`; `at` says where a knob is. */
+  advance(seconds: number, at: (knob: Knob) => number, chosen: Pace): Increment[] {
     const out: Increment[] = [];
-    for (const [axis, { value, pace }] of this.goals) {
-      const left = value - at(axis);
-      const most = AXES[axis].rate * PACE[pace ?? chosen] * seconds;
-      if (Math.abs(left) <= REACHED) this.goals.delete(axis);
-      else out.push({ axis, by: clamp(left, -most, most) });
+    for (const { knob, value, pace } of this.goals.values()) {
+      const left = value - at(knob);
+      const most = knob.rate * PACE[pace ?? chosen] * seconds;
+      if (Math.abs(left) <= REACHED) this.goals.delete(knob.id);
+      else out.push({ knob, by: clamp(left, -most, most) });
     }
     return out;
   }

@@ -1,6 +1,6 @@
-/** Which key does what, by its place on the keyboard. One table for the keyboard, the hints and the help panel. */
+/** Which key does what, by its place on the keyboard. One table for the keyboard, the hints and the help panel; the keys of knobs come with them. */
 
-import type { AxisId } from "./axes";
+import type { Knob } from "./protocol";
 
 export const ACTIONS = {
   skin: "Pull back to the skin",
@@ -24,28 +24,14 @@ export const ACTIONS = {
 export type ActionId = keyof typeof ACTIONS;
 
 export type Binding =
-  | { does: "axis"; axis: AxisId; sign: 1 | -1 }
+  | { does: "knob"; knob: Knob; sign: 1 | -1 }
   | { does: "action"; action: ActionId }
   | { does: "pace"; pace: "slow" | "fast" };
 
-const pair = (axis: AxisId, down: string, up: string): [string, Binding][] => [
-  [down, { does: "axis", axis, sign: -1 }],
-  [up, { does: "axis", axis, sign: 1 }],
-];
 const action = (code: string, id: ActionId): [string, Binding] => [code, { does: "action", action: id }];
 
-export const KEYS: ReadonlyMap<string, Binding> = new Map([
-  ...pair("push", "ArrowUp", "ArrowDown"),
-  ...pair("angle", "ArrowLeft", "ArrowRight"),
-  ...pair("swing", "Comma", "Period"),
-  ...pair("slide", "KeyA", "KeyD"),
-  ...pair("sweep", "KeyS", "KeyW"),
-  ...pair("rotate", "KeyQ", "KeyE"),
-  ...pair("fan", "KeyZ", "KeyX"),
-  ...pair("depth", "BracketLeft", "BracketRight"),
-  ...pair("gain", "Minus", "Equal"),
-  ...pair("focus", "Semicolon", "Quote"),
-  ...pair("frequency", "Digit9", "Digit0"),
+/** What the page itself does; knobs bring keys of their own. */
+const OWN: ReadonlyMap<string, Binding> = new Map([
   action("Home", "skin"),
   action("KeyN", "entry"),
   action("KeyU", "undo"),
@@ -77,12 +63,21 @@ export function cap(code: string): string {
   return CAPS[code] ?? code.replace(/^(Key|Digit)/, "");
 }
 
-/** The key of an axis' direction or of an action. */
-export function keyOf(wanted: { axis: AxisId; sign: 1 | -1 } | ActionId): string {
-  for (const [code, binding] of KEYS) {
-    if (typeof wanted === "string") {
-      if (binding.does === "action" && binding.action === wanted) return cap(code);
-    } else if (binding.does === "axis" && binding.axis === wanted.axis && binding.sign === wanted.sign) return cap(code);
-  }
+/** What the keys do in a scene; a knob takes none of the page's own. */
+export function bindings(knobs: readonly Knob[]): ReadonlyMap<string, Binding> {
+  const moving = knobs.flatMap((knob) =>
+    (knob.keys ?? []).map((code, k): [string, Binding] => [code, { does: "knob", knob, sign: k ? 1 : -1 }]),
+  );
+  return new Map([...moving, ...OWN]);
+}
+
+/** The key of an action. */
+export function keyOf(wanted: ActionId): string {
+  for (const [code, binding] of OWN) if (binding.does === "action" && binding.action === wanted) return cap(code);
   return "";
+}
+
+/** The key of a knob's direction. */
+export function keyOfKnob(knob: Knob, sign: 1 | -1): string {
+  return knob.keys ? cap(knob.keys[sign < 0 ? 0 : 1]) : "";
 }

@@ -2,7 +2,6 @@
 
 import type { Side } from "./image/corner";
 import type { Keep, Margins } from "./image/fit";
-import type { ProbeInfo } from "./protocol";
 
 export type Layout = "desktop" | "compact" | "tablet";
 
@@ -19,8 +18,8 @@ const MARGINS: Record<Layout, Margins> = {
 };
 
 /** A sector has black corners for the texts beside it; parallel beams fill their corners, so they leave margins. */
-export function margins(layout: Layout, kind: ProbeInfo["kind"]): Margins {
-  if (kind !== "linear") return MARGINS[layout];
+export function margins(layout: Layout, parallel: boolean): Margins {
+  if (!parallel) return MARGINS[layout];
   return { ...MARGINS[layout], top: 32, left: 190, right: layout === "compact" ? 160 : 236 };
 }
 

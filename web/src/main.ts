@@ -3,6 +3,7 @@
 import { Connection } from "./connection";
 import { Desk } from "./desk";
 import { h } from "./dom";
+import { parallel } from "./image/sector";
 import { returnFocus } from "./input/focus";
 import { GamepadReader } from "./input/gamepad";
 import { handleInput } from "./input/handle";
@@ -93,7 +94,7 @@ desk.switched.on(dress);
 dress();
 session.sceneReady.on((scene) => {
   document.body.classList.toggle("needle-right", needleRight(scene));
-  document.body.classList.toggle("linear", scene.probe.kind === "linear");
+  document.body.classList.toggle("parallel", parallel(scene.probe));
 });
 session.statusChanged.on((status) => (document.body.dataset.status = status));
 document.body.dataset.status = session.status;

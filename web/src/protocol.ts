@@ -1,143 +1,17 @@
-/** What page and server say to each other, version 1. Lengths mm, angles degrees, world RAS. */
+/** What page and server say to each other, version 2: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
 
-import type { Vec } from "./vec";
+import type { FrameHeader, GeometryHeader, Hello, MeshHeader, Protocol } from "./protocol.gen";
 
-export interface NeedlePose { u: number; v: number; angle: number; swing: number; depth: number }
-export interface ProbePose { slide: number; sweep: number; rotate: number; fan: number }
-export interface ImageSettings { gain: number; depth: number; frequency: number; focus: number }
+export type {
+  Choice, Command, FrameHeader, Hello, Loading, MeshHeader, NeedleCommand, Notice, ProbeOutline, Readouts, Refused,
+  SceneKnob as Knob, SceneMessage as Scene, SkinDirections,
+} from "./protocol.gen";
 
-/** The whole command of the hand, or what is in force. */
-export interface State { needle: NeedlePose; probe: ProbePose; image: ImageSettings; frozen: boolean }
+export type ServerText = Protocol["server"];
+export type ClientText = Protocol["client"];
 
-export type Range = readonly [number, number];
-export interface Limits {
-  needle: Record<keyof NeedlePose, Range>;
-  probe: Record<keyof ProbePose, Range>;
-  image: Record<keyof ImageSettings, Range>;
-}
-
-export interface Model { id: string; name: string; available: boolean; reason: string | null }
-export interface MeshInfo {
-  name: string;
-  kind: "surface" | "lines";
-  colour: string;
-  opacity: number;
-  vertices: number;
-  indices: number;
-}
-export interface ProbeInfo {
-  name: string;
-  kind: "curvilinear" | "linear" | "phased";
-  radius_mm: number;
-  aperture_mm: number;
-  field_of_view_deg: number;
-}
-/**
- * `out` = right x depth. With right to the right and depth downwards it points into the screen: away from who looks at
- * the image, as the image's own z does.
- */
-export interface SceneFrame { right: Vec; depth: Vec; out: Vec; skin_origin: Vec }
-
-export interface Hello {
-  type: "hello";
-  version: string;
-  protocol: number;
-  scenes: { id: string; name: string; description: string }[];
-  scene: string;
-  notice: string;
-  /** The key with which this page comes back to its session, whether it has, and how long it is kept, s. */
-  session: string;
-  resumed: boolean;
-  kept_s: number;
-}
-export interface Loading { type: "loading"; scene: string; name: string; share: number }
-export interface Scene {
-  type: "scene";
-  id: string;
-  name: string;
-  description: string;
-  frame: SceneFrame;
-  box: { low: Vec; high: Vec };
-  models: Model[];
-  model: string;
-  probe: ProbeInfo;
-  needle: { length_mm: number; diameter_mm: number };
-  targets: { id: string; name: string; rest: Vec }[];
-  target: string;
-  tolerance_mm: number;
-  half_slice_mm: number;
-  limits: Limits;
-  /** What is in force, and where the scene starts. */
-  state: State;
-  start: State;
-}
-export interface Refused {
-  type: "refused";
-  what: string;
-  message: string;
-  file?: string | null;
-  line?: number | null;
-  seq?: number;
-}
-export interface Notice { type: "notice"; level: "caution" | "fault"; message: string }
-/** Why a needle is not where it was asked to be. */
-export type Blocked = "end of needle" | "leaves the tissue" | "needle inside";
-export type ServerText =
-  | Hello
-  | Loading
-  | Scene
-  | Refused
-  | Notice
-  | { type: "target"; id: string }
-  | { type: "model"; model: string }
-  | { type: "pong" };
-
-export type ClientText =
-  | ({ type: "state"; seq: number } & State)
-  | { type: "drawn"; frame: number }
-  | { type: "model"; model: string }
-  | { type: "target"; id: string }
-  | { type: "scene"; id: string }
-  | { type: "open_scene"; name: string; text: string }
-  | { type: "undo_pass" }
-  | { type: "reset" }
-  | { type: "restore" }
-  | { type: "view"; grid: boolean; ahead: 0 | 1 }
-  | { type: "ping" };
-
-export interface Readouts {
-  tip_to_target: number | null;
-  depth: number;
-  moved: number | null;
-  moved_parts: Vec | null;
-  out_of_plane: number;
-  half_slice: number;
-  folds: boolean;
-  estimate: number | null;
-}
-export interface FrameHeader {
-  frame: number;
-  seq: number;
-  rows: number;
-  columns: number;
-  pixel: readonly [number, number];
-  image_to_reference: Vec;
-  probe_to_reference: Vec;
-  state: State;
-  blocked: Blocked | null;
-  needle: { entry: Vec; tip: Vec; direction: Vec };
-  target: { id: string; now: Vec; rest: Vec } | null;
-  readouts: Readouts;
-  pass: { time_s: number; passes: number; tip_path_mm: number; max_off_plane_mm: number };
-  /** Which model answered. */
-  model: string;
-  server_ms: number;
-  step_ms: number;
-  render_ms: number;
-  frozen: boolean;
-  mesh: number;
-  grid?: boolean;
-}
+/** A page that was left open while the server was replaced must not guess. */
+export const PROTOCOL: Hello["protocol"] = 2;
 
 /** One drawn-to-be image with everything that belongs to it. */
 export interface Frame {
@@ -148,7 +22,7 @@ export interface Frame {
 }
 
 export interface MeshData {
-  info: MeshInfo;
+  info: MeshHeader;
   positions: Float32Array;
   indices: Uint32Array;
 }
@@ -183,8 +57,6 @@ function frame(buffer: ArrayBuffer, start: number, header: FrameHeader): Frame {
   const positions = header.mesh > 0 ? new Float32Array(buffer, behind, 3 * header.mesh) : null;
   return { header, pixels, positions };
 }
-
-interface GeometryHeader { meshes: MeshInfo[] }
 
 function geometry(buffer: ArrayBuffer, start: number, header: GeometryHeader): Geometry {
   let at = start;

@@ -1,10 +1,10 @@
 /** One person at one simulator: the scene, the command of the hand, and the frames that answer it. */
 
-import { put, read, type AxisId } from "./axes";
 import { Connection, type Loss } from "./connection";
+import { ACROSS, ALONG, put, read } from "./knobs";
 import { Meter } from "./latency";
 import { bounded, letGo } from "./lead";
-import type { Frame, Geometry, Hello, Loading, Notice, Refused, Scene, ServerText, State } from "./protocol";
+import { PROTOCOL, type Command, type Frame, type Geometry, type Hello, type Knob, type Loading, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
 import { Signal } from "./signal";
 import { adopt, limited, same } from "./command";
 
@@ -28,7 +28,7 @@ export class Session {
   scene: Scene | null = null;
   model = "";
   target = "";
-  command: State | null = null;
+  command: Command | null = null;
   /** The last frame drawn. */
   frame: Frame | null = null;
   status: Status = "connecting";
@@ -45,9 +45,9 @@ export class Session {
   /** An image is there to be drawn. */
   readonly arrived = new Signal<void>();
   readonly drawn = new Signal<Frame>();
-  readonly commanded = new Signal<State>();
-  /** The server did not follow an axis that was going this way. */
-  readonly limited = new Signal<readonly [AxisId, 1 | -1]>();
+  readonly commanded = new Signal<Command>();
+  /** The server did not follow a knob that was going this way. */
+  readonly limited = new Signal<readonly [Knob, 1 | -1]>();
   readonly modelChanged = new Signal<string>();
   readonly targetChanged = new Signal<string>();
   readonly statusChanged = new Signal<Status>();
@@ -60,8 +60,8 @@ export class Session {
   /** Frames with a smaller number show another pose than the one the page goes on with. */
   private awaited = 0;
   private seq = 0;
-  private sent = new Map<number, State>();
-  private lastSent: State | null = null;
+  private sent = new Map<number, Command>();
+  private lastSent: Command | null = null;
   private lastSentAt = -Infinity;
   private lastHeard = 0;
   private pingedAt = 0;
@@ -91,7 +91,7 @@ export class Session {
   get agrees(): boolean {
     const header = this.frame?.header;
     if (!header) return false;
-    return this.status === "frozen" || (header.model === this.model && (header.target?.id ?? this.target) === this.target);
+    return this.status === "frozen" || (header.model === this.model && header.target.id === this.target);
   }
 
   /** ms since the last image where the server is there but at work; null where all is well. */
@@ -100,35 +100,42 @@ export class Session {
     return this.status === "live" && late > BUSY ? late : null;
   }
 
-  value(id: AxisId): number {
-    return this.command ? read(this.command, id) : 0;
+  /** What the scene says of a knob. */
+  knob(id: string): Knob {
+    const found = this.scene?.knobs.find((knob) => knob.id === id);
+    if (!found) throw new RangeError(`the server says nothing of the knob ${id}`);
+    return found;
+  }
+
+  value(id: string): number {
+    return this.command && this.scene ? read(this.command, this.knob(id)) : 0;
   }
 
   /** What the picture shows. */
-  shown(id: AxisId): number {
-    return this.frame ? read(this.frame.header.state, id) : this.value(id);
+  shown(id: string): number {
+    return this.frame && this.scene ? read(this.frame.header.state, this.knob(id)) : this.value(id);
   }
 
-  /** Move an axis, never further than its lead beyond what is shown. */
-  nudge(id: AxisId, by: number): void {
-    this.ask(id, bounded(id, this.value(id), by, this.shown(id)));
+  /** Move a knob, never further than its lead beyond what is shown. */
+  nudge(id: string, by: number): void {
+    if (this.answers) this.ask(this.knob(id), bounded(this.knob(id), this.value(id), by, this.shown(id)));
   }
 
   /** A setting goes to a value at once; what moves goes as far as its lead. */
-  setAxis(id: AxisId, value: number): void {
+  setKnob(id: string, value: number): void {
     this.nudge(id, value - this.value(id));
   }
 
   /** The hand let go: what it asked for ahead of the picture is taken back, but for one tap. */
-  letGo(id: AxisId, pace: number): void {
-    this.ask(id, letGo(id, this.value(id), this.shown(id), pace));
+  letGo(id: string, pace: number): void {
+    if (this.answers) this.ask(this.knob(id), letGo(this.knob(id), this.value(id), this.shown(id), pace));
   }
 
-  private ask(id: AxisId, value: number): void {
-    if (!this.answers || !this.command || !this.scene || !Number.isFinite(value)) return;
+  private ask(knob: Knob, value: number): void {
+    if (!this.command || !Number.isFinite(value)) return;
     // while the needle is in, its entry is where it went in
-    if ((id === "along" || id === "across") && this.command.needle.depth > 0) return;
-    this.want(put(this.command, id, value, this.scene.limits));
+    if ((knob.id === ALONG || knob.id === ACROSS) && this.command.needle.depth > 0) return;
+    this.want(put(this.command, knob, value));
   }
 
   toggleFreeze(): void {
@@ -139,7 +146,7 @@ export class Session {
   }
 
   chooseModel(id: string): void {
-    if (this.scene?.models.some((model) => model.id === id && model.available)) this.link.send({ type: "model", model: id });
+    if (this.scene?.models.some((model) => model.id === id)) this.link.send({ type: "model", model: id });
   }
 
   chooseTarget(id: string): void {
@@ -195,7 +202,7 @@ export class Session {
     if (!this.command || !this.link.isOpen || !this.scene || now - this.lastSentAt < PACE) return;
     if (this.lastSent && same(this.lastSent, this.command)) return;
     this.seq += 1;
-    this.link.send({ type: "state", seq: this.seq, ...this.command });
+    this.link.send({ type: "command", seq: this.seq, ...this.command });
     this.lastSent = this.command;
     this.lastSentAt = now;
     this.sent.set(this.seq, this.command);
@@ -233,12 +240,12 @@ export class Session {
     this.link.settle();
   }
 
-  private reconcile(seq: number, state: State): void {
+  private reconcile(seq: number, state: Command): void {
     const sent = this.sent.get(seq);
     for (const old of this.sent.keys()) if (old < seq) this.sent.delete(old);
-    if (!this.command || !sent) return;
+    if (!this.command || !this.scene || !sent) return;
     const next = adopt(this.command, sent, state);
-    for (const axis of limited(sent, state)) this.limited.emit(axis);
+    for (const end of limited(this.scene.knobs, sent, state)) this.limited.emit(end);
     // what is in force is what this number stands for from now on
     this.sent.set(seq, state);
     if (same(next, this.command)) return;
@@ -247,7 +254,7 @@ export class Session {
     this.commanded.emit(next);
   }
 
-  private want(next: State): void {
+  private want(next: Command): void {
     if (this.command && same(this.command, next)) return;
     this.command = next;
     this.commanded.emit(next);
@@ -261,6 +268,7 @@ export class Session {
         this.hello = message;
         this.link.session = message.session;
         this.resumed = message.resumed;
+        if (message.protocol !== PROTOCOL) this.link.broken.emit(`The server speaks version ${message.protocol as number}, this page ${PROTOCOL}: reload the page`);
         return this.greeted.emit(message);
       case "loading":
         // the scene before goes on until the next one is ready
@@ -321,7 +329,7 @@ export class Session {
   }
 
   private refuse(message: Refused): void {
-    if (message.what === "state" && this.command && this.scene) {
+    if (message.what === "command" && this.command && this.scene) {
       this.awaited = 0;
       this.command = this.frame?.header.state ?? this.scene.state;
       this.lastSent = this.command;

@@ -2,33 +2,42 @@ import { describe, expect, it } from "vitest";
 import { roomBeside } from "../src/image/corner";
 import { fit, Mapping } from "../src/image/fit";
 import { inside, intoSight, needleInImage, pathAhead, reach, skinLine } from "../src/image/geometry";
-import { sector } from "../src/image/sector";
+import { parallel, sector } from "../src/image/sector";
 import { chooseLayout, keep, margins } from "../src/layouts";
 import { standApart } from "../src/plotLabels";
-import type { FrameHeader } from "../src/protocol";
+import type { FrameHeader, ProbeOutline, SkinDirections } from "../src/protocol";
 
 const raster = { columns: 512, rows: 364, pixel: [0.35, 0.35] as const };
-const probe = { name: "C5-2", kind: "curvilinear" as const, radius_mm: 60, aperture_mm: 62.8, field_of_view_deg: 60 };
-const frame = { right: [1, 0, 0], depth: [0, 0, 1], out: [0, -1, 0], skin_origin: [10, 20, 0] };
+/** Beams square to an arc of a radius, over an angle; a radius of 0 has them start at one point. */
+const fan = (radius: number, degrees: number): ProbeOutline => ({
+  name: "C5-2", face_radius_mm: radius, width_mm: 65, thickness_mm: 21,
+  beams: Array.from({ length: 49 }, (_, k) => {
+    const angle = (degrees * Math.PI * (k / 24 - 1)) / 360;
+    const [x, y] = [Math.sin(angle), Math.cos(angle)];
+    return [radius * x, radius * (y - 1), x, y];
+  }),
+});
+const straight: ProbeOutline = { name: "L12", face_radius_mm: 0, width_mm: 43, thickness_mm: 16, beams: [[-19, 0, 0, 1], [19, 0, 0, 1]] };
+const frame: SkinDirections = { right: [1, 0, 0], depth: [0, 0, 1], out: [0, -1, 0], skin_origin: [10, 20, 0] };
 /** x right, y deep, z = x cross y; the image's origin 50 mm left of the skin's. */
 const IMAGE = [1, 0, 0, -40, 0, 0, -1, 20, 0, 1, 0, 0, 0, 0, 0, 1];
 
 describe("fit", () => {
   it("keeps the aspect, grows as far as the height allows and leaves the read-outs free", () => {
     const pane = { width: 1080, height: 704 };
-    const box = fit(pane, raster, margins("desktop", "curvilinear"), keep("desktop", false));
+    const box = fit(pane, raster, margins("desktop", false), keep("desktop", false));
     expect(box.height).toBeCloseTo(644);
     expect(box.width / box.height).toBeCloseTo(512 / 364);
     expect(box.left).toBe(52);
   });
 
   it("goes to the other side where the needle comes from the right", () => {
-    const box = fit({ width: 1080, height: 704 }, raster, margins("desktop", "curvilinear"), keep("desktop", true));
+    const box = fit({ width: 1080, height: 704 }, raster, margins("desktop", false), keep("desktop", true));
     expect(box.left + box.width).toBeCloseTo(1060);
   });
 
   it("leaves margins beside parallel beams", () => {
-    const box = fit({ width: 1080, height: 704 }, { columns: 100, rows: 131, pixel: [0.38, 0.38] }, margins("desktop", "linear"));
+    const box = fit({ width: 1080, height: 704 }, { columns: 100, rows: 131, pixel: [0.38, 0.38] }, margins("desktop", true));
     expect(box.left).toBeGreaterThan(189);
     expect(box.left + box.width).toBeLessThan(1080 - 189);
   });
@@ -51,11 +60,20 @@ describe("layouts", () => {
 
 describe("sector", () => {
   it("has the face's arc above and the deep arc below", () => {
-    const { face, deep, low, high } = sector(probe, 120);
+    const { face, deep, low, high } = sector(fan(60, 60), 120);
     expect(face[0][0]).toBeCloseTo(-30);
     expect(face[24]).toEqual([0, 0]);
     expect(deep[24][1]).toBeCloseTo(120);
     expect(high[0] - low[0]).toBeCloseTo(180);
+  });
+
+  it("begins in one point where the beams do", () => {
+    expect(sector(fan(0, 80), 140).face).toHaveLength(1);
+  });
+
+  it("is a rectangle where they run side by side", () => {
+    expect(sector(straight, 45).outline).toEqual([[-19, 0], [19, 0], [19, 45], [-19, 45]]);
+    expect([parallel(straight), parallel(fan(60, 60)), parallel(fan(0, 80))]).toEqual([true, false, false]);
   });
 });
 

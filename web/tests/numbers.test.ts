@@ -1,28 +1,22 @@
 import { describe, expect, it } from "vitest";
-import { put, show, signless } from "../src/axes";
 import { Caution } from "../src/caution";
 import { liveAddress, retryDelay } from "../src/connection";
 import { axisTop, Curves } from "../src/curves";
 import { stick } from "../src/input/gamepad";
+import { bindings, keyOfKnob } from "../src/keys";
+import { put, show, signless } from "../src/knobs";
 import { Meter } from "../src/latency";
 import { parts } from "../src/parts/words";
-import type { FrameHeader, Limits, Scene, State } from "../src/protocol";
+import type { FrameHeader, Scene } from "../src/protocol";
 import { cividis, roundUp } from "../src/view3d/cividis";
 import { framed, inSight } from "../src/view3d/framing";
-import { adopt, same } from "../src/command";
-
-const state: State = {
-  needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
-  probe: { slide: 0, sweep: 0, rotate: 0, fan: 0 },
-  image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 },
-  frozen: false,
-};
-const limits = { needle: { depth: [0, 150] }, probe: {}, image: {} } as unknown as Limits;
+import { adopt, limited, same } from "../src/command";
+import { command, depth, focus, knob, push, rotate, slide } from "./knobs";
 
 describe("numbers as they are shown", () => {
   it("has a true minus, no negative zero, and places only where they say something", () => {
     expect([signless("-0.0"), signless("-2.5")]).toEqual(["0.0", "\u22122.5"]);
-    expect([show("depth", 120), show("focus", 65), show("fan", -4), show("slide", 12)]).toEqual(["12", "6.5", "\u22124", "12.0"]);
+    expect([show(depth, 120), show(focus, 65), show(rotate, -4), show(slide, 12)]).toEqual(["12", "6.5", "\u22124", "12.0"]);
   });
 
   it("says the two largest parts of a displacement", () => {
@@ -34,18 +28,39 @@ describe("numbers as they are shown", () => {
 
 describe("commands", () => {
   it("stay within their limits", () => {
-    expect(put(state, "push", 200, limits).needle.depth).toBe(150);
-    expect(put(state, "push", -1, limits).needle.depth).toBe(0);
+    expect(put(command, push, 200).needle.depth).toBe(150);
+    expect(put(command, push, -1).needle.depth).toBe(0);
   });
 
   it("give way only where the server did not follow", () => {
-    const sent = { ...state, needle: { ...state.needle, depth: 80, angle: 70 } };
-    const force = { ...sent, needle: { ...sent.needle, depth: 76.5 } };
-    const command = { ...sent, needle: { ...sent.needle, depth: 82, angle: 71 } };
-    const next = adopt(command, sent, force);
+    const sent = { ...command, needle: { ...command.needle, depth: 80, angle: 70 } };
+    const state = { ...sent, needle: { ...sent.needle, depth: 76.5 } };
+    const now = { ...sent, needle: { ...sent.needle, depth: 82, angle: 71 } };
+    const next = adopt(now, sent, state);
     expect([next.needle.depth, next.needle.angle]).toEqual([76.5, 71]);
-    expect(adopt(command, sent, sent)).toBe(command);
-    expect(same(next, command)).toBe(false);
+    expect(adopt(now, sent, sent)).toBe(now);
+    expect(same(next, now)).toBe(false);
+    expect(limited([push, slide], sent, state)).toEqual([[push, 1]]);
+  });
+});
+
+describe("a knob that the page has never heard of", () => {
+  const persistence = knob("image.persistence", { keys: ["KeyT", "KeyY"], low: 0, high: 4, step: 1 });
+  const asked = { ...command, image: { ...command.image, persistence: 3 } };
+
+  it("has its keys, which take none of the page's own", () => {
+    const keys = bindings([push, persistence, knob("image.greedy", { keys: ["Space", "KeyJ"] })]);
+    expect(keys.get("KeyY")).toEqual({ does: "knob", knob: persistence, sign: 1 });
+    expect(keyOfKnob(persistence, -1)).toBe("T");
+    expect(keys.get("Space")).toEqual({ does: "action", action: "freeze" });
+  });
+
+  it("is asked for within its limits, and gives way like all others", () => {
+    expect(put(asked, persistence, 9).image).toEqual({ ...command.image, persistence: 4 });
+    const state = put(asked, persistence, 2);
+    expect(limited([push, persistence], asked, state)).toEqual([[persistence, 1]]);
+    expect(adopt(asked, asked, state).image).toEqual(state.image);
+    expect(same(asked, state)).toBe(false);
   });
 });
 
@@ -118,7 +133,7 @@ describe("the 3-D view", () => {
     const scene = {
       box: { low: [-60, -60, 0], high: [60, 60, 120] },
       frame: { right: [1, 0, 0], depth: [0, 0, 1], out: [0, -1, 0], skin_origin: [0, 0, 0] },
-      start: { ...state, needle: { u: -60, v: 0, angle: 54, swing: 0, depth: 0 } },
+      start: { ...command, needle: { u: -60, v: 0, angle: 54, swing: 0, depth: 0 } },
       needle: { length_mm: 150, diameter_mm: 1 },
     } as unknown as Scene;
     const points = inSight(scene);

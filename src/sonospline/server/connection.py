@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import time
 from collections.abc import Callable
@@ -14,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..simulator.runner import Runner, Stamp
 from ..simulator.scene_file import MODELS, SceneError
-from . import messages, wire
+from . import client_messages, wire
+from . import server_messages as said
+from .client_messages import MessageError
 from .flow import FrameFlow
-from .messages import MessageError
 from .outbox import Outbox
 from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .scene_catalog import SceneCatalog
@@ -115,52 +115,54 @@ class Connection:
             self._limits.count_message()
             if text is None:
                 raise MessageError("message", "is binary; send JSON text")
-            message = messages.parse(text)
-            if not isinstance(message, messages.Drawn | messages.Ping):
+            message = client_messages.parse(text)
+            if not isinstance(message, client_messages.Drawn | client_messages.Ping):
                 self._busy_at = time.monotonic()
             self._do(message)
         except MessageError as error:
             self._refuse(error.what, str(error), seq=error.seq)
 
-    def _do(self, message: messages.Message) -> None:
+    def _do(self, message: client_messages.Message) -> None:
         match message:
-            case messages.Drawn():
+            case client_messages.Drawn():
                 self._flow.drawn(message.frame)
                 if self._frames is not None:
                     self._frames.wake()
-            case messages.Ping():
-                self._tell({"type": "pong"})
-            case messages.State():
-                self._state(message)
-            case messages.View():
+            case client_messages.Ping():
+                self._tell(said.Pong())
+            case client_messages.CommandMessage():
+                self._obey(message)
+            case client_messages.View():
                 self._flow.view(message.grid, message.ahead)
                 self._act(_look_again)
-            case messages.Model():
+            case client_messages.ChooseModel():
                 self._switch(message.model)
-            case messages.Target():
+            case client_messages.ChooseTarget():
                 self._aim(message.id)
-            case messages.UndoPass():
+            case client_messages.UndoPass():
                 self._act(methodcaller("undo_pass"))
-            case messages.Reset():
+            case client_messages.Reset():
                 self._act(methodcaller("reset"))
-            case messages.Restore():
+            case client_messages.Restore():
                 self._act(methodcaller("restore"))
-            case messages.ChooseScene():
+            case client_messages.ChooseScene():
                 if message.id not in self._catalog.scenes:
                     known = ", ".join(self._catalog.scenes)
                     raise MessageError("scene", f"id = {message.id[:40]!r} is not known; choose one of {known}")
                 self._load(message.id)
-            case messages.OpenScene():
+            case client_messages.OpenScene():
                 self._load(message.name, message.text)
 
-    def _state(self, message: messages.State) -> None:
+    def _obey(self, message: client_messages.CommandMessage) -> None:
         if message.seq <= self._seq:
-            raise MessageError("state", f"seq = {message.seq} is out of order; give more than {self._seq}", message.seq)
-        session, runner = self._ready("state", message.seq)
+            raise MessageError(
+                "command", f"seq = {message.seq} is out of order; give more than {self._seq}", message.seq
+            )
+        session, runner = self._ready("command", message.seq)
         try:
             session.scene.knobs.check(message.command)
         except ValueError as error:
-            raise MessageError("state", str(error), message.seq) from None
+            raise MessageError("command", str(error), message.seq) from None
         self._seq = message.seq
         runner.submit(message.command, message.seq)
 
@@ -168,7 +170,7 @@ class Connection:
         if model not in MODELS:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(MODELS)}")
         self._act(lambda session: session.switch(model))
-        self._tell({"type": "model", "model": model})
+        self._tell(said.ModelMessage(model=model))
 
     def _aim(self, target: str) -> None:
         session, _ = self._ready("target")
@@ -176,7 +178,7 @@ class Connection:
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
         self._act(lambda session: session.choose_target(target))
-        self._tell({"type": "target", "id": target})
+        self._tell(said.TargetMessage(id=target))
 
     def _act(self, action: Callable[[Session], None]) -> None:
         _, runner = self._ready("message")
@@ -192,14 +194,14 @@ class Connection:
     def _load(self, name: str, text: str | None = None) -> None:
         if self._loading is not None and not self._loading.done():
             raise MessageError("scene", "came while another one is loading; wait for it")
-        self._tell({"type": "loading", "scene": name, "name": self._catalog.title(name), "share": 0.0})
+        self._tell(said.Loading(scene=name, name=self._catalog.title(name), share=0.0))
         self._loading = self._loop.create_task(self._bring(name, text))
 
     async def _bring(self, name: str, text: str | None) -> None:
         """Make a session of a scene and let it take the place of the present one; where that fails, that stays."""
 
         def progress(share: float) -> None:
-            self._from_thread({"type": "loading", "scene": name, "name": self._catalog.title(name), "share": share})
+            self._from_thread(said.Loading(scene=name, name=self._catalog.title(name), share=share))
 
         file = name if text is not None else None
         try:
@@ -226,7 +228,7 @@ class Connection:
     def _start(self, name: str, session: Session) -> None:
         self._scene, self._session, self._busy_at = name, session, time.monotonic()
         self._flow.begin(session)
-        self._tell(wire.scene(name, session))
+        self._tell(said.SceneMessage.of(name, session))
         self._runner = Runner(session)
         self._frames = self._runner.subscribe(
             partial(self._deliver, session), on_error=self._on_error, ready=self._flow.may_send, quick=True
@@ -255,9 +257,9 @@ class Connection:
             self._runner.do(_look_again)  # where nothing moves, the positions come by one more frame
 
     def _on_error(self, line: str) -> None:
-        self._from_thread({"type": "notice", "level": "fault", "message": line})
+        self._from_thread(said.Notice(level="fault", message=line))
 
-    def _from_thread(self, message: dict[str, Any]) -> None:
+    def _from_thread(self, message: said.ServerMessage) -> None:
         self._call(self._tell, message)
 
     def _call(self, function: Callable[[Any], None], argument: Any) -> None:
@@ -265,8 +267,8 @@ class Connection:
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(function, argument)
 
-    def _tell(self, message: dict[str, Any]) -> None:
-        self._put(json.dumps(message, allow_nan=False))
+    def _tell(self, message: said.ServerMessage) -> None:
+        self._put(wire.text(message))
 
     def _put(self, message: str | bytes) -> None:
         if not self._outbox.put(message):
@@ -275,8 +277,7 @@ class Connection:
     def _refuse(
         self, what: str, problem: str, *, seq: int | None = None, file: str | None = None, line: int | None = None
     ) -> None:
-        message = {"type": "refused", "what": what, "message": problem, "file": file, "line": line}
-        self._tell(message if seq is None else message | {"seq": seq})
+        self._tell(said.Refused(what=what, message=problem, file=file, line=line, seq=seq))
         if self._limits.count_refusal():
             self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))
 

@@ -7,7 +7,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from . import wire
-from .messages import MessageError
+from .client_messages import MessageError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 
-from .messages import MessageError
+from .client_messages import MessageError
 
 MOST_MESSAGES_S = 240
 MOST_REFUSALS, REFUSALS_S = 20, 10.0

@@ -12,11 +12,12 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..simulator.scene_file import SHIPPED, SceneFile
 from . import wire
 from .memory_release import release_memory
+from .server_messages import PROTOCOL, Hello, OfferedScene
 from .worker import Worker
 
 if TYPE_CHECKING:
@@ -64,13 +65,13 @@ class SceneCatalog:
         self._releasing: Future[None] | None = None
         self._brought_scenes: weakref.WeakSet[Scene] = weakref.WeakSet()
 
-    def hello(self, key: str, *, resumed: bool) -> dict[str, Any]:
+    def hello(self, key: str, *, resumed: bool) -> Hello:
         """Return the greeting of a session, with the key it can be asked back by."""
-        scenes = [
-            {"id": key, "name": entry.spec.name, "description": entry.spec.description}
+        scenes = tuple(
+            OfferedScene(id=key, name=entry.spec.name, description=entry.spec.description)
             for key, entry in self.scenes.items()
-        ]
-        return wire.hello(version("sonospline"), scenes, self.first, key, resumed=resumed)
+        )
+        return Hello(version=version("sonospline"), protocol=PROTOCOL, scenes=scenes, session=key, resumed=resumed)
 
     def title(self, name: str) -> str:
         """Return what a scene calls itself; of a file that was not read yet, its name."""

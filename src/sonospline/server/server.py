@@ -15,14 +15,15 @@ from typing import Any
 from .._extras import require
 from ..simulator.scene_file import scene_schema
 from .access import AccessMiddleware, token_of
+from .client_messages import LONGEST
 from .connection import TAKEN_OVER, Connection, Verdict
 from .connection_limits import ConnectionLimits, open_files, pending_within
 from .conversation import converse
 from .guard import Guard
-from .messages import LONGEST
 from .outbox import Outbox
 from .protocols import http_protocol, websocket_protocol
 from .scene_catalog import SceneCatalog
+from .schema import protocol_schema
 from .session_pool import Kept, SessionPool, new_key
 
 logger = logging.getLogger(__name__)
@@ -124,6 +125,9 @@ class Server:
         async def schema(request: Any) -> Any:
             return JSONResponse(scene_schema())
 
+        async def protocol(request: Any) -> Any:
+            return JSONResponse(protocol_schema())
+
         async def health(request: Any) -> Any:
             return PlainTextResponse("ok")
 
@@ -142,6 +146,7 @@ class Server:
             WebSocketRoute("/live", self._live),
             Route("/live", why_not),
             Route("/api/scene-schema.json", schema),
+            Route("/api/protocol-schema.json", protocol),
             Route("/healthz", health),
         ]
         if (PAGE / "index.html").is_file():

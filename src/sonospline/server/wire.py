@@ -1,76 +1,113 @@
-"""The bytes and texts that go to the page: frames, geometry, scene. Version 1; see docs/simulator.md."""
+"""Binary messages to the page, frames and geometry: a header in JSON and a payload; see docs/simulator.md."""
 
 from __future__ import annotations
 
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from msgspec import to_builtins
+from msgspec import Struct, field, to_builtins
 from numpy.typing import NDArray
 
 from ..simulator.command import Command
-from ..simulator.scene_file import MODELS
-from .session_pool import KEPT_S
+from ..simulator.readouts import Blocked, Readouts
+from .server_messages import Vector
 
 if TYPE_CHECKING:
-    from ..simulator.knobs import Knobs
     from ..simulator.scene import Scene
-    from ..simulator.session import Session
     from ..simulator.shot import Shot
     from ..simulator.surfaces import Mesh
 
-PROTOCOL = 1
 FRAME, GEOMETRY = 1, 2
-NOTICE = "Simulated image. Not a medical device."
+
+Matrix = tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float, float, float, float, float
+]
+"""4 x 4, row by row."""
 
 
-def hello(version: str, scenes: list[dict[str, str]], scene: str, key: str, *, resumed: bool) -> dict[str, Any]:
-    """Return the first message."""
-    return {
-        "type": "hello", "version": version, "protocol": PROTOCOL, "scenes": scenes, "scene": scene, "notice": NOTICE,
-        "session": key, "resumed": resumed, "kept_s": KEPT_S,
-    }  # fmt: skip
+class NeedlePlace(Struct, frozen=True, kw_only=True):
+    """Where the needle is, RAS mm."""
+
+    entry: Vector
+    tip: Vector
+    direction: Vector
 
 
-def scene(name: str, session: Session) -> dict[str, Any]:
-    """Return what a page has to know of a scene before its first frame."""
-    scene = session.scene
-    probe, spec = scene.probe, scene.spec
-    low, high = scene.box
-    shown = {
-        "name": spec.probe.name, "kind": probe.kind, "radius_mm": probe.radius_mm, "aperture_mm": probe.aperture_mm,
-        "field_of_view_deg": float(np.degrees(2 * probe.half_angle)),
-    }  # fmt: skip
-    return {
-        "type": "scene", "id": name, "name": spec.name, "description": spec.description,
-        "frame": {
-            "right": scene.frame.right.tolist(), "depth": scene.frame.depth.tolist(), "out": scene.frame.out.tolist(),
-            "skin_origin": scene.frame.origin.tolist(),
-        },
-        "box": {"low": low.tolist(), "high": high.tolist()},
-        "models": [{"id": key, "name": text, "available": True, "reason": None} for key, text in MODELS.items()],
-        "model": session.model,
-        "probe": shown,
-        "needle": {"length_mm": spec.needle.length_mm, "diameter_mm": scene.needle_diameter_mm},
-        "targets": [{"id": key, "name": key.capitalize(), "rest": at.tolist()} for key, at in scene.targets.items()],
-        "target": session.target,
-        "tolerance_mm": spec.display.tolerance_mm,
-        "half_slice_mm": float(probe.elevation_sigma(probe.elevation_focus_mm) * np.sqrt(2 * np.log(2))),
-        "limits": _limits(scene.knobs),
-        "knobs": to_builtins(scene.knobs.all),
-        "state": to_builtins(session.command),
-        "start": to_builtins(scene.start),
-    }  # fmt: skip
+class TargetPlace(Struct, frozen=True, kw_only=True):
+    """Where the target is, and where it was before the tissue moved, RAS mm."""
+
+    id: str
+    now: Vector
+    rest: Vector
+
+
+class PassSummary(Struct, frozen=True, kw_only=True):
+    """The present pass, or the last one."""
+
+    time_s: float
+    passes: int
+    tip_path_mm: float
+    max_off_plane_mm: float
+
+
+class FrameHeader(Struct, frozen=True, kw_only=True):
+    """A picture and everything that belongs to it; its payload is grey levels, then positions of the meshes."""
+
+    frame: int
+    seq: int
+    """Of the newest command it answers."""
+    rows: int
+    columns: int
+    pixel: tuple[float, float]
+    """Width and height, mm."""
+    image_to_reference: Matrix
+    """Of pixel (0, 0)."""
+    probe_to_reference: Matrix
+    """Of the middle of the probe's face."""
+    state: Command
+    """What is in force."""
+    blocked: Blocked | None
+    needle: NeedlePlace
+    target: TargetPlace
+    readouts: Readouts
+    passed: PassSummary = field(name="pass")
+    model: str
+    noise: int
+    """The number of the frame that the library's renderer takes."""
+    server_ms: float
+    step_ms: float
+    render_ms: float
+    mesh: int
+    """Vertices whose positions follow; 0 where nothing moved."""
+    grid: bool
+    """Whether those of the grid lines are among them."""
+
+
+class MeshHeader(Struct, frozen=True, kw_only=True):
+    """How a mesh looks, and how many float32 positions and uint32 indices of it follow."""
+
+    name: str
+    kind: Literal["surface", "lines"]
+    colour: str
+    opacity: float
+    vertices: int
+    indices: int
+
+
+class GeometryHeader(Struct, frozen=True, kw_only=True):
+    """Every mesh of a scene."""
+
+    meshes: tuple[MeshHeader, ...]
 
 
 def geometry(scene: Scene) -> bytes:
     """Return message kind 2: how every mesh looks, its rest positions and connectivity."""
-    header = {"meshes": [_about(mesh) for mesh in scene.meshes]}
     parts: list[NDArray[Any]] = []
     for mesh in scene.meshes:
         parts += [mesh.points.astype("<f4"), mesh.indices.astype("<u4")]
+    header = GeometryHeader(meshes=tuple(map(_mesh, scene.meshes)))
     return _message(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
 
 
@@ -80,23 +117,26 @@ def frame(shot: Shot, *, number: int, seq: int, positions: NDArray[np.float32] |
     pixels = np.ascontiguousarray(shot.image.pixels, np.uint8)
     rows, columns = pixels.shape
     metrics = shot.metrics
-    header = {
-        "frame": number, "seq": seq, "rows": rows, "columns": columns, "pixel": list(shot.image.plane.spacing_mm),
-        "image_to_reference": shot.image_to_reference.ravel().tolist(),
-        "probe_to_reference": np.asarray(shot.probe_to_reference).ravel().tolist(),
-        "state": to_builtins(shot.command),
-        "blocked": shot.blocked,
-        "needle": {"entry": shot.entry.tolist(), "tip": shot.tip.tolist(), "direction": shot.direction.tolist()},
-        "target": {"id": shot.target, "now": shot.target_now.tolist(), "rest": shot.target_rest.tolist()},
-        "readouts": vars(shot.readouts),
-        "pass": {
-            "time_s": metrics.time_s, "passes": metrics.passes, "tip_path_mm": metrics.tip_path_mm,
-            "max_off_plane_mm": metrics.max_off_plane_mm,
-        },
-        "model": shot.model, "noise": shot.number,
-        "server_ms": round(server_ms, 3), "step_ms": round(shot.step_ms, 3), "render_ms": round(shot.render_ms, 3),
-        "frozen": shot.command.frozen, "mesh": 0 if positions is None else len(positions), "grid": grid,
-    }  # fmt: skip
+    header = FrameHeader(
+        frame=number, seq=seq, rows=rows, columns=columns, pixel=shot.image.plane.spacing_mm,
+        image_to_reference=_numbers(shot.image_to_reference),
+        probe_to_reference=_numbers(shot.probe_to_reference),
+        state=shot.command, blocked=shot.blocked,
+        needle=NeedlePlace(
+            entry=_numbers(shot.entry), tip=_numbers(shot.tip), direction=_numbers(shot.direction)
+        ),
+        target=TargetPlace(
+            id=shot.target, now=_numbers(shot.target_now), rest=_numbers(shot.target_rest)
+        ),
+        readouts=shot.readouts,
+        passed=PassSummary(
+            time_s=metrics.time_s, passes=metrics.passes, tip_path_mm=metrics.tip_path_mm,
+            max_off_plane_mm=metrics.max_off_plane_mm,
+        ),
+        model=shot.model, noise=shot.number,
+        server_ms=round(server_ms, 3), step_ms=round(shot.step_ms, 3), render_ms=round(shot.render_ms, 3),
+        mesh=0 if positions is None else len(positions), grid=grid,
+    )  # fmt: skip
     padding = b"\0" * (-pixels.size % 4)
     tail = b"" if positions is None else positions.astype("<f4", copy=False).tobytes()
     return _message(FRAME, header, pixels.tobytes() + padding + tail)
@@ -114,26 +154,23 @@ def read_pixels(header: dict[str, Any], payload: memoryview) -> NDArray[np.uint8
     return np.frombuffer(payload[:size], np.uint8).reshape(header["rows"], header["columns"])
 
 
-def _message(kind: int, header: dict[str, Any], payload: bytes) -> bytes:
-    text = json.dumps(header, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-(8 + len(text)) % 8)
-    return struct.pack("<II", kind, len(text)) + text + payload
+def text(message: Struct) -> str:
+    """Return a message as JSON; a number that is not finite is none."""
+    return json.dumps(to_builtins(message), separators=(",", ":"), allow_nan=False)
 
 
-def _about(mesh: Mesh) -> dict[str, Any]:
-    return {
-        "name": mesh.name, "kind": mesh.kind, "colour": mesh.colour, "opacity": mesh.opacity,
-        "vertices": len(mesh.points), "indices": int(mesh.indices.size),
-    }  # fmt: skip
+def _message(kind: int, header: Struct, payload: bytes) -> bytes:
+    head = text(header).encode()
+    head += b" " * (-(8 + len(head)) % 8)
+    return struct.pack("<II", kind, len(head)) + head + payload
 
 
-def _limits(knobs: Knobs) -> dict[str, Any]:
-    limits: dict[str, Any] = {}
-    for knob in knobs:
-        limits.setdefault(knob.group, {})[knob.field] = [knob.low, knob.high]
-    return limits
+def _numbers(array: Any) -> Any:
+    return tuple(np.asarray(array).ravel().tolist())
 
 
-def state_text(command: Command, seq: int) -> str:
-    """Return a client's state message; for clients written in Python."""
-    return json.dumps({"type": "state", "seq": seq, **to_builtins(command)})
+def _mesh(mesh: Mesh) -> MeshHeader:
+    return MeshHeader(
+        name=mesh.name, kind=mesh.kind, colour=mesh.colour, opacity=mesh.opacity, vertices=len(mesh.points),
+        indices=int(mesh.indices.size),
+    )  # fmt: skip

@@ -3,6 +3,7 @@ from .command import ImageSettings as ImageSettings
 from .command import NeedleCommand as NeedleCommand
 from .command import ProbeCommand as ProbeCommand
 from .knobs import Knobs as Knobs
+from .readouts import Readouts as Readouts
 from .runner import Runner as Runner
 from .runner import Stamp as Stamp
 from .scene import Scene as Scene
@@ -11,6 +12,5 @@ from .scene_file import SceneFile as SceneFile
 from .scene_file import scene_schema as scene_schema
 from .scene_maker import make_scene as make_scene
 from .session import Session as Session
-from .shot import Readouts as Readouts
 from .shot import Shot as Shot
 from .subscription import Subscription as Subscription

@@ -49,7 +49,7 @@ class NeedleCommand(Record, frozen=True, kw_only=True):
     depth: Annotated[
         float,
         Knob(
-            name="Insertion depth", short="Push", help="Push or pull back", unit="mm", step=0.5, rate=10,
+            name="Insertion depth", short="Push", help="Pull back, push", unit="mm", step=0.5, rate=10,
             down="Pull back", up="Push", keys=("ArrowUp", "ArrowDown"), pad="triggers",
         ),
         Travel(lambda scene: (0.0, scene.spec.needle.length_mm)),

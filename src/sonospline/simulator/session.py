@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -23,14 +23,14 @@ from .command import Command, NeedleCommand
 from .fold_check import folds
 from .imaging import Imager, tuned
 from .pass_metrics import PassMetrics
+from .readouts import Blocked, Readouts
 from .scene import Scene
 from .scene_file import MODELS, SceneFile
 from .scene_maker import make_scene
-from .shot import Readouts, Shot
+from .shot import Shot
 from .skin_frame import room_along
 
 Array = NDArray[np.float64]
-Blocked = Literal["end of needle", "leaves the tissue", "needle inside"]
 
 RESTORE_S = 8.0
 """How long a reset can be undone."""

@@ -12,30 +12,9 @@ from ..geometry.needle import Needle
 from ..ultrasound.frame import Frame
 from .command import Command
 from .pass_metrics import PassMetrics
+from .readouts import Blocked, Readouts
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Readouts:
-    """The metrics beside the picture, in mm."""
-
-    tip_to_target: float
-    """From the tip to the target where it is now; from the entry while the needle is out."""
-    depth: float
-    """Inserted length."""
-    moved: float
-    """How far the target is from where it was at rest."""
-    moved_parts: tuple[float, float, float]
-    """Of that: to the right, deeper, away from the viewer."""
-    out_of_plane: float
-    """Tip out of the image plane along its z, away from the viewer is plus."""
-    half_slice: float
-    """Half the slice's thickness at the tip: nearer counts as in plane."""
-    folds: bool
-    """Whether the field turns tissue inside out anywhere near the needle."""
-    estimate: float | None
-    """Error of the field relative to itself, where the model knows it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +24,7 @@ class Shot:
     number: int
     command: Command
     """The state in force, after clamping."""
-    blocked: str | None
+    blocked: Blocked | None
     """Why the needle is not where it was asked to be."""
     image: Frame
     probe_to_reference: Array

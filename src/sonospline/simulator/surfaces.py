@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ class Mesh:
     """Triangles or lines of the 3-D view, in undeformed tissue."""
 
     name: str
-    kind: str
+    kind: Literal["surface", "lines"]
     """``surface`` (triangles) or ``lines`` (pairs)."""
     colour: str
     opacity: float

@@ -179,5 +179,5 @@ async def _push(socket: Any, scene: dict[str, Any], page: Page) -> None:
         way = _SPEED_MM_S * (time.perf_counter() - page.began)
         state["needle"]["depth"] = most - abs(way % (2 * most) - most)
         page.sent[seq] = time.perf_counter()
-        await socket.send(json.dumps({"type": "state", "seq": seq, **state}))
+        await socket.send(json.dumps({"type": "command", "seq": seq, **state}))
         await asyncio.sleep(1 / _RATE_HZ)

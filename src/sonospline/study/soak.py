@@ -100,7 +100,8 @@ def _note(said: dict[str, Any], log: Log) -> None:
 
 async def _use(socket: Any, scene: dict[str, Any], chance: random.Random) -> None:
     """Thirty commands a second; now and then another model, an undo, a reset, a look at the grid."""
-    start, limits, seq = scene["state"], scene["limits"], 0
+    start, seq = scene["state"], 0
+    limits = {knob["id"]: (knob["low"], knob["high"]) for knob in scene["knobs"]}
     state = copy.deepcopy(start)
     commands: list[dict[str, Any]] = [{"type": "model", "model": model["id"]} for model in scene["models"]]
     commands += [{"type": "undo_pass"}, {"type": "reset"}, {"type": "view", "grid": True}]
@@ -108,14 +109,14 @@ async def _use(socket: Any, scene: dict[str, Any], chance: random.Random) -> Non
     depth = 0.0
     while True:
         seq += 1
-        depth = (depth + chance.uniform(0, 3)) % (0.6 * limits["needle"]["depth"][1])
+        depth = (depth + chance.uniform(0, 3)) % (0.6 * limits["needle.depth"][1])
         state["needle"]["depth"] = depth
         if seq % 15 == 0:
             for part, name in (("probe", "sweep"), ("probe", "fan"), ("image", "gain"), ("image", "depth")):
-                low, high = limits[part][name]
+                low, high = limits[f"{part}.{name}"]
                 state[part][name] = start[part][name] + chance.uniform(-0.1, 0.1) * (high - low)
         state["frozen"] = seq % 100 > 95
-        await socket.send(json.dumps({"type": "state", "seq": seq, **state}))
+        await socket.send(json.dumps({"type": "command", "seq": seq, **state}))
         if seq % 40 == 0:
             await socket.send(json.dumps(chance.choice(commands)))
             depth = 0.0

@@ -256,6 +256,18 @@ class Probe:
         reach = r + self.apex_mm
         return np.column_stack([reach * np.sin(across), reach * np.cos(across) - self.apex_mm, z])
 
+    def beam_lines(self, count: int = 49) -> Array:
+        """Return where beams across the image leave the face and their directions, (count, 4): x, y, x, y; mm."""
+        line = np.linspace(0, self.lines - 1, count)
+        near, far = (self.image_points(np.column_stack([np.full(count, r), line, np.zeros(count)])) for r in (0.0, 1.0))
+        return np.column_stack([near[:, :2], (far - near)[:, :2]])
+
+    @property
+    def housing_mm(self) -> tuple[float, float]:
+        """Width and thickness of what holds the face: a little more than it, and enough for a hand."""
+        face = float(np.ptp(self.beam_lines(2)[:, 0]))
+        return max(face, 24.0) + 5.0, 21.0 if self.curved else 16.0
+
     def beam_directions(self, points: Array) -> Array:
         """Return unit vectors (m, 3) of the beams through image points (m, 3)."""
         if not self.curved:

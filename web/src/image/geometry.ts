@@ -1,6 +1,6 @@
 /** Where marks belong in the image frame: needle, skin, path to the target. Pure; mm. */
 
-import type { FrameHeader, NeedlePose, SceneFrame } from "../protocol";
+import type { FrameHeader, NeedleCommand, SkinDirections } from "../protocol";
 import { add, dot, needleDirection, norm, scale, sub, toFrame, turnToFrame, type Vec } from "../vec";
 import type { Pane } from "./fit";
 import type { Point } from "./sector";
@@ -12,8 +12,8 @@ export interface NeedleInImage {
   share: number;
 }
 
-/** The needle of a command, projected on the image. */
-export function needleInImage(frame: SceneFrame, pose: NeedlePose, imageToReference: Vec): NeedleInImage {
+/** A needle as it is asked for, projected on the image. */
+export function needleInImage(frame: SkinDirections, pose: NeedleCommand, imageToReference: Vec): NeedleInImage {
   const entry = add(add(frame.skin_origin, scale(frame.right, pose.u)), scale(frame.out, pose.v));
   const [x, y] = toFrame(imageToReference, entry);
   const [dx, dy] = turnToFrame(imageToReference, needleDirection(frame, pose.angle, pose.swing));
@@ -22,7 +22,7 @@ export function needleInImage(frame: SceneFrame, pose: NeedlePose, imageToRefere
 }
 
 /** The skin in the image: a point of the line and its direction towards the right. */
-export function skinLine(frame: SceneFrame, imageToReference: Vec): { through: Point; along: Point } | null {
+export function skinLine(frame: SkinDirections, imageToReference: Vec): { through: Point; along: Point } | null {
   const normal = turnToFrame(imageToReference, frame.depth);
   const [a, b] = normal;
   const size = Math.hypot(a, b);
@@ -35,7 +35,6 @@ export function skinLine(frame: SceneFrame, imageToReference: Vec): { through: P
 
 /** From the tip along the needle to the point nearest the target, with a tick each `tick` mm; empty beyond it. */
 export function pathAhead(header: FrameHeader, tick: number): { end: Vec; ticks: Vec[]; length: number } | null {
-  if (!header.target) return null;
   const { tip, direction } = header.needle;
   const length = dot(sub(header.target.now, tip), direction) / norm(direction);
   if (length <= 0) return null;

@@ -1,7 +1,7 @@
 /** The marks on the image: what the hand moves (accent) and where it wants to be (yellow). */
 
 import { s, set, toggle, write } from "../dom";
-import type { FrameHeader, NeedlePose, Scene } from "../protocol";
+import type { FrameHeader, NeedleCommand, Scene } from "../protocol";
 import { toFrame, toWorld, type Vec } from "../vec";
 import type { Mapping } from "./fit";
 import { intoSight, needleInImage, pathAhead, reach, skinLine } from "./geometry";
@@ -86,7 +86,7 @@ export class Marks {
   }
 
   /** The handle and the shaft outside the image answer the hand at once. `slid` mm: how far a drag has carried it. */
-  drawHandle(map: Mapping, sector: Sector, header: FrameHeader, scene: Scene, pose: NeedlePose, slid: number): Point {
+  drawHandle(map: Mapping, sector: Sector, header: FrameHeader, scene: Scene, pose: NeedleCommand, slid: number): Point {
     const needle = needleInImage(scene.frame, pose, header.image_to_reference);
     const origin = faceOrigin(header);
     const from: Point = [needle.entry[0] - origin[0], needle.entry[1] - origin[1]];
@@ -118,9 +118,6 @@ export class Marks {
     toggle(this.tip.group, "out", !inPlane);
     const ahead = pathAhead(header, PATH_TICK);
     this.path.draw(ahead ? this.route(tip, project(ahead.end), ahead.ticks.map(project)) : "");
-    const has = header.target !== null;
-    toggle(this.guides, "targetless", !has);
-    if (!header.target) return;
     const now = project(header.target.now);
     this.rest.draw(circle(project(header.target.rest), TARGET - 2));
     const arms = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) =>

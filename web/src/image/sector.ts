@@ -1,11 +1,11 @@
 /** The outline of what a probe sees, in the probe's frame: x right, y deep, origin in the middle of its face; mm. */
 
-import type { ProbeInfo } from "../protocol";
+import type { ProbeOutline } from "../protocol";
 
 export type Point = readonly [number, number];
 
 export interface Sector {
-  /** The transducer's face, left to right. */
+  /** The transducer's face, left to right; one point where all beams start there. */
   face: Point[];
   /** The deep end, left to right. */
   deep: Point[];
@@ -15,10 +15,12 @@ export interface Sector {
   high: Point;
 }
 
-const ARC = 48;
+const SAME = 1e-6;
 
-export function sector(probe: ProbeInfo, depth: number): Sector {
-  const [face, deep] = probe.kind === "linear" ? straight(probe.aperture_mm, depth) : curved(probe, depth);
+export function sector({ beams }: ProbeOutline, depth: number): Sector {
+  const ends = beams.map(([x, y]): Point => [x, y]);
+  const face = ends.every(([x, y]) => Math.hypot(x - ends[0][0], y - ends[0][1]) < SAME) ? [ends[0]] : ends;
+  const deep = beams.map(([x, y, dx, dy]): Point => [x + depth * dx, y + depth * dy]);
   const outline = [...face, ...[...deep].reverse()];
   const xs = outline.map(([x]) => x);
   const ys = outline.map(([, y]) => y);
@@ -31,18 +33,8 @@ export function sector(probe: ProbeInfo, depth: number): Sector {
   };
 }
 
-function straight(width: number, depth: number): [Point[], Point[]] {
-  const across = (y: number): Point[] => [[-width / 2, y], [width / 2, y]];
-  return [across(0), across(depth)];
-}
-
-function curved(probe: ProbeInfo, depth: number): [Point[], Point[]] {
-  const half = (probe.field_of_view_deg * Math.PI) / 360;
-  const radius = probe.kind === "curvilinear" ? probe.radius_mm : 0;
-  const arc = (r: number): Point[] =>
-    Array.from({ length: ARC + 1 }, (_, i) => {
-      const angle = half * ((2 * i) / ARC - 1);
-      return [r * Math.sin(angle), r * Math.cos(angle) - radius];
-    });
-  return [radius > 0 ? arc(radius) : [[0, 0]], arc(radius + depth)];
+/** Whether the beams run side by side: then the image fills its corners. */
+export function parallel({ beams }: ProbeOutline): boolean {
+  const [first, last] = [beams[0], beams[beams.length - 1]];
+  return Math.hypot(first[2] - last[2], first[3] - last[3]) < SAME;
 }

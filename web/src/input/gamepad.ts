@@ -1,8 +1,8 @@
 /** A gamepad with the standard layout: left stick probe, right stick needle, triggers push and pull. */
 
-import type { AxisId } from "../axes";
 import type { Desk } from "../desk";
 import type { ActionId } from "../keys";
+import type { Knob } from "../protocol";
 
 const DEAD_ZONE = 0.12;
 const HOLD_RESET = 1000;
@@ -12,11 +12,18 @@ const TRIGGER = 2;
 const MENU = 9;
 const [L3, R3] = [10, 11];
 const ACTION_BUTTONS: readonly [number, ActionId][] = [[0, "freeze"], [1, "undo"], [2, "entry"], [3, "skin"], [8, "nextModel"]];
-const AXIS_BUTTONS: readonly [number, AxisId, number][] = [
-  [4, "rotate", -1], [5, "rotate", 1], [12, "depth", -1], [13, "depth", 1], [14, "fan", -1], [15, "fan", 1],
-];
-/** Sticks forward are away: a sweep or swing upwards. */
-const STICKS: readonly [number, AxisId, number][] = [[0, "slide", 1], [1, "sweep", -1], [2, "angle", 1], [3, "swing", -1]];
+
+type Pad = NonNullable<Knob["pad"]>;
+/** Buttons that go down and up, a stick's axis and which way of it goes up, or levers that pull and push. */
+type Control = { buttons: readonly [number, number] } | { stick: number; sign: 1 | -1 } | { levers: readonly [number, number] };
+
+/** Sticks forward are away, upwards: their axes run towards the hand. */
+const CONTROLS: Record<Pad, Control> = {
+  "left stick across": { stick: 0, sign: 1 }, "left stick along": { stick: 1, sign: -1 },
+  "right stick across": { stick: 2, sign: 1 }, "right stick along": { stick: 3, sign: -1 },
+  bumpers: { buttons: [4, 5] }, triggers: { levers: [6, 7] },
+  "d-pad along": { buttons: [12, 13] }, "d-pad across": { buttons: [14, 15] },
+};
 
 /** Nothing within the dead zone, then fine near the middle and full at the end. */
 export function stick(value: number): number {
@@ -51,15 +58,24 @@ export class GamepadReader {
       return;
     }
     for (const [button, action] of ACTION_BUTTONS) if (pressed(button)) this.desk.run(action);
-    for (const [button, axis, sign] of AXIS_BUTTONS) {
-      if (pressed(button)) this.desk.press(`pad${button}`, axis, sign);
-      if (released(button)) this.desk.release(`pad${button}`);
+    for (const { id, pad: name } of this.desk.session.scene?.knobs ?? []) {
+      if (name) this.move(pad, id, CONTROLS[name], pressed, released);
     }
-    for (const [place, axis, sign] of STICKS) this.desk.drive(`stick${place}`, axis, sign * stick(pad.axes[place] ?? 0));
-    const pull = TRIGGER * ((pad.buttons[7]?.value ?? 0) - (pad.buttons[6]?.value ?? 0));
-    this.desk.drive("triggers", "push", Math.abs(pull) < 0.04 ? 0 : pull);
     if (pressed(L3) || pressed(R3)) this.desk.holdPace(this.down.has(L3) ? "slow" : "fast");
     if (released(L3) || released(R3)) this.desk.holdPace(null);
+  }
+
+  private move(pad: Gamepad, id: string, control: Control, pressed: (k: number) => boolean, released: (k: number) => boolean): void {
+    if ("stick" in control) return this.desk.drive(`pad ${id}`, id, control.sign * stick(pad.axes[control.stick] ?? 0));
+    if ("levers" in control) {
+      const [pull, push] = control.levers.map((k) => pad.buttons[k]?.value ?? 0);
+      const speed = TRIGGER * (push - pull);
+      return this.desk.drive(`pad ${id}`, id, Math.abs(speed) < 0.04 ? 0 : speed);
+    }
+    for (const [k, button] of control.buttons.entries()) {
+      if (pressed(button)) this.desk.press(`pad ${button}`, id, k ? 1 : -1);
+      if (released(button)) this.desk.release(`pad ${button}`);
+    }
   }
 
   /** Menu: help when let go, reset when held for a second. */

@@ -1,7 +1,7 @@
 /** The needle's handle under a pointer: along its axis pushes, sideways turns; wheel and double clicks beside it. */
 
-import { AXES } from "../axes";
 import type { Desk } from "../desk";
+import { ALONG, ANGLE, PUSH } from "../knobs";
 import { PACE } from "../motion";
 import type { ImagePane } from "../parts/imagePane";
 import { draggable } from "./drag";
@@ -27,7 +27,7 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
     const map = pane.mapping;
     const axis = pane.needleOnScreen();
     if (!map || !axis) return null;
-    const [depth, angle, entry] = [session.value("push"), session.value("angle"), session.value("along")];
+    const [depth, angle, entry] = [session.value(PUSH), session.value(ANGLE), session.value(ALONG)];
     let mode: "along" | "sideways" | null = null;
     pane.element.classList.add("dragging");
     // needle and handle follow the pointer, no faster than the picture
@@ -37,14 +37,14 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
         const sideways = -dx * axis[1] + dy * axis[0];
         if (!mode && Math.hypot(dx, dy) > DECIDE) mode = Math.abs(along) >= Math.abs(sideways) ? "along" : "sideways";
         const pace = PACE[desk.motion.pace];
-        if (desk.switches.placing) desk.goTo("along", entry + dx / map.scale, "fast");
+        if (desk.switches.placing) desk.goTo(ALONG, entry + dx / map.scale, "fast");
         else if (mode === "along") {
           pane.grabbedAt = depth;
-          desk.goTo("push", depth + (along / map.scale) * pace, "fast");
-        } else if (mode === "sideways") desk.goTo("angle", angle - sideways * DEGREES_PER_PX * pace, "fast");
+          desk.goTo(PUSH, depth + (along / map.scale) * pace, "fast");
+        } else if (mode === "sideways") desk.goTo(ANGLE, angle - sideways * DEGREES_PER_PX * pace, "fast");
       },
       end: () => {
-        for (const axis of ["push", "angle", "along"] as const) desk.halt(axis);
+        for (const id of [PUSH, ANGLE, ALONG]) desk.halt(id);
         pane.grabbedAt = null;
         lastUp = mode === null ? performance.now() : 0;
         pane.element.classList.remove("dragging");
@@ -59,7 +59,7 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
       if (event.ctrlKey || !session.answers) return;
       event.preventDefault();
       const notches = (event.deltaMode === 0 ? event.deltaY : event.deltaY * 33) / NOTCH;
-      desk.nudge("push", notches * AXES.push.step * PACE[desk.motion.pace]);
+      desk.nudge(PUSH, notches * session.knob(PUSH).step * PACE[desk.motion.pace]);
     },
     { passive: false },
   );
@@ -69,6 +69,6 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
     const u = pane.skinAt(event.clientX, event.clientY);
     if (u === null || !session.answers || pane.handle.contains(event.target as Node)) return;
     if (!desk.switches.placing) desk.run("entry");
-    desk.goTo("along", u, "fast");
+    desk.goTo(ALONG, u, "fast");
   });
 }

@@ -1,17 +1,16 @@
 /** A button that makes one step when tapped and moves steadily while held. */
 
-import type { AxisId } from "../axes";
 import type { Desk } from "../desk";
 
 let count = 0;
 
-export function holdable(button: HTMLElement, desk: Desk, axis: AxisId, sign: 1 | -1): void {
+export function holdable(button: HTMLElement, desk: Desk, id: string, sign: 1 | -1): void {
   const source = `button${(count += 1)}`;
   let handled = false;
   const press = () => {
     handled = true;
     button.classList.add("pressed");
-    desk.press(source, axis, sign);
+    desk.press(source, id, sign);
   };
   const release = () => {
     button.classList.remove("pressed");
@@ -33,7 +32,7 @@ export function holdable(button: HTMLElement, desk: Desk, axis: AxisId, sign: 1 
   // a click without a pointer or key comes from assistive technology: one step
   button.addEventListener("click", () => {
     if (!handled) {
-      desk.press(source, axis, sign);
+      desk.press(source, id, sign);
       desk.release(source);
     }
     handled = false;

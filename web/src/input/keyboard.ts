@@ -1,7 +1,6 @@
 /** The keyboard, by the place of its keys; it acts while the image has the focus. */
 
 import type { Desk } from "../desk";
-import { KEYS } from "../keys";
 
 export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
   const paces = new Set<string>();
@@ -9,13 +8,13 @@ export function listenToKeyboard(desk: Desk, image: HTMLElement): void {
 
   image.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    const binding = KEYS.get(event.code);
+    const binding = desk.keys.get(event.code);
     if (!binding || event.target !== image) return;
     event.preventDefault();
     if (event.repeat) return;
-    if (binding.does === "axis") {
+    if (binding.does === "knob") {
       held.add(event.code);
-      desk.press(event.code, binding.axis, binding.sign);
+      desk.press(event.code, binding.knob.id, binding.sign);
     } else if (binding.does === "action") desk.run(binding.action);
     else {
       paces.add(event.code);

@@ -3,9 +3,9 @@
 import type { Desk } from "../desk";
 import { h } from "../dom";
 import { icon, type IconName } from "../icons";
-import { ACTIONS, keyOf, type ActionId } from "../keys";
-import type { AxisId } from "../axes";
+import { ACTIONS, keyOf, keyOfKnob, type ActionId } from "../keys";
 import { holdable } from "../input/hold";
+import { PUSH } from "../knobs";
 import type { Pace } from "../motion";
 
 export function actionButton(desk: Desk, action: ActionId, label: string, picture: IconName | null = null, className = ""): HTMLButtonElement {
@@ -35,22 +35,20 @@ export function toggleButton(desk: Desk, action: "guides" | "grid" | "colours" |
 }
 
 export function pushButton(desk: Desk, sign: 1 | -1, label: string, className: string): HTMLButtonElement {
-  const axis: AxisId = "push";
-  const button = h(
-    "button",
-    { type: "button", class: `button ${className}`, "data-hint": sign > 0 ? "Push" : "Pull back", "data-key": keyOf({ axis, sign }) },
-    icon(sign > 0 ? "down" : "up"),
-    h("span", {}, label),
-  );
-  holdable(button, desk, axis, sign);
+  const { session } = desk;
+  const button = h("button", { type: "button", class: `button ${className}` }, icon(sign > 0 ? "down" : "up"), h("span", {}, label));
+  holdable(button, desk, PUSH, sign);
+  session.sceneReady.on(() => {
+    const knob = session.knob(PUSH);
+    button.dataset.hint = sign > 0 ? knob.up : knob.down;
+    button.dataset.key = keyOfKnob(knob, sign);
+  });
   const refresh = () => {
-    const { session } = desk;
-    const [low, high] = session.scene?.limits.needle.depth ?? [0, 0];
-    const depth = session.value("push");
-    button.setAttribute("aria-disabled", String(!session.answers || depth === (sign > 0 ? high : low)));
+    const end = session.scene && session.knob(PUSH)[sign > 0 ? "high" : "low"];
+    button.setAttribute("aria-disabled", String(!session.answers || session.value(PUSH) === end));
   };
-  desk.session.commanded.on(refresh);
-  desk.session.statusChanged.on(refresh);
+  session.commanded.on(refresh);
+  session.statusChanged.on(refresh);
   return button;
 }
 

@@ -2,7 +2,9 @@
 
 import type { Desk } from "../desk";
 import { h } from "../dom";
-import { cap, KEYS } from "../keys";
+import { cap, type Binding } from "../keys";
+import { ANGLE, DEPTH, FOCUS, PUSH, ROTATE, SLIDE, SWEEP } from "../knobs";
+import type { Knob } from "../protocol";
 
 /** Rows of keys: code and width in keys; an empty code is a key without use. */
 const ROWS: readonly (readonly (readonly [string, number])[])[] = [
@@ -15,11 +17,16 @@ const ROWS: readonly (readonly (readonly [string, number])[])[] = [
 
 type Line = readonly [string, readonly string[], string, string];
 
+/** What a pointer can do beside the buttons that every knob has. */
+const GESTURES: Record<string, string> = {
+  [PUSH]: "Wheel, or drag the handle", [ANGLE]: "Drag the handle sideways", [SLIDE]: "Drag the probe", [SWEEP]: "Drag the probe",
+  [ROTATE]: "Drag its ring", [DEPTH]: "Drag the scale", [FOCUS]: "Drag the caret",
+};
+const PADS: Record<NonNullable<Knob["pad"]>, string> = {
+  "left stick across": "L stick ← →", "left stick along": "L stick ↑ ↓", "right stick across": "R stick ← →",
+  "right stick along": "R stick ↑ ↓", triggers: "LT RT", bumpers: "LB RB", "d-pad along": "D-pad ↑ ↓", "d-pad across": "D-pad ← →",
+};
 const NEEDLE: readonly Line[] = [
-  ["Push", ["ArrowDown"], "Wheel, or drag the handle in", "RT"],
-  ["Pull back", ["ArrowUp"], "Wheel, or drag the handle out", "LT"],
-  ["Angle in plane", ["ArrowLeft", "/", "ArrowRight"], "Drag the handle sideways", "R stick ← →"],
-  ["Swing out of plane", ["Comma", "/", "Period"], "Swing buttons", "R stick ↑ ↓"],
   ["Pull back to the skin", ["Home"], "Double-click the handle", "Y"],
   ["New entry", ["KeyN"], "Double-click the skin", "X"],
   ["Undo pass", ["KeyU"], "Undo button", "B"],
@@ -28,37 +35,55 @@ const SPEED: readonly Line[] = [
   ["Slow, 0.2 ×", ["hold", "ShiftLeft"], "Slow button", "hold L3"],
   ["Fast, 4 ×", ["hold", "KeyF"], "Fast button", "hold R3"],
 ];
-const PROBE: readonly Line[] = [
-  ["Slide along image", ["KeyA", "/", "KeyD"], "Drag the probe", "L stick ← →"],
-  ["Sweep across", ["KeyW", "/", "KeyS"], "Drag the probe", "L stick ↑ ↓"],
-  ["Rotate", ["KeyQ", "/", "KeyE"], "Drag its ring", "LB RB"],
-  ["Fan", ["KeyZ", "/", "KeyX"], "Fan buttons", "D-pad ← →"],
-  ["Recentre", ["KeyB"], "Recentre button", "–"],
-];
-const IMAGE: readonly Line[] = [
-  ["Freeze", ["Space"], "Freeze button", "A"],
-  ["Depth; gain", ["BracketLeft", "BracketRight", "Minus", "Equal"], "Drag the scale; buttons", "D-pad ↑ ↓"],
-  ["Focus; frequency", ["Semicolon", "Quote", "Digit9", "Digit0"], "Drag the caret; buttons", "–"],
+const PROBE: readonly Line[] = [["Recentre", ["KeyB"], "Recentre button", "–"]];
+const FREEZE: Line = ["Freeze", ["Space"], "Freeze button", "A"];
+const VIEW: readonly Line[] = [
   ["Model", ["Digit1", "Digit2", "Digit3"], "Model switch", "View"],
   ["Guides; probe view", ["KeyO", "KeyP"], "Buttons", "–"],
   ["Grid; colours", ["KeyG", "KeyK"], "Buttons", "–"],
   ["Reset; help", ["KeyR", "Slash"], "Buttons", "Menu"],
 ];
 
+/** The knobs of a group that keys or a gamepad move, so many a line. */
+function lines(knobs: readonly Knob[], group: Knob["group"], each: number): Line[] {
+  const moved = knobs.filter((knob) => knob.group === group && (knob.keys || knob.pad));
+  return Array.from({ length: Math.ceil(moved.length / each) }, (_, k) => line(moved.slice(each * k, each * (k + 1))));
+}
+
+function line(knobs: readonly Knob[]): Line {
+  const keys = knobs.map((knob) => knob.keys ?? []);
+  const gestures = new Set(knobs.map(({ id, short }) => GESTURES[id] ?? (knobs.length > 1 ? "buttons" : `${short} buttons`)));
+  return [
+    sentence(knobs.map(({ help }) => help)),
+    knobs.length > 1 ? keys.flat() : keys.flatMap(([down, up]) => (down ? [down, "/", up] : [])),
+    sentence([...gestures].sort()),
+    knobs.flatMap(({ pad }) => (pad ? [PADS[pad]] : [])).join("; ") || "–",
+  ];
+}
+
+function sentence(parts: readonly string[]): string {
+  const text = parts.map((part) => part.charAt(0).toLowerCase() + part.slice(1)).join("; ");
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 export function helpDialog(desk: Desk): HTMLDialogElement {
   const close = h("button", { type: "button", class: "button", onclick: () => desk.flip("help", false) }, "Close", h("kbd", {}, "Esc"));
   const left = h("button", { type: "button", class: "button toggle", role: "switch", onclick: () => desk.flip("leftHanded") }, "Left-handed");
+  const board = h("div", { class: "keyboard", "aria-hidden": "true" });
+  const tables = h("div", { class: "help-tables" });
+  desk.session.sceneReady.on(({ knobs }) => {
+    board.replaceChildren(...keyboard(desk.keys));
+    tables.replaceChildren(
+      h("div", {}, table("Needle", [...lines(knobs, "needle", 1), ...NEEDLE]), table("Speed", SPEED)),
+      h("div", {}, table("Probe", [...lines(knobs, "probe", 1), ...PROBE]), table("Image and view", [FREEZE, ...lines(knobs, "image", 2), ...VIEW])),
+    );
+  });
   const dialog = h(
     "dialog",
     { class: "help-panel", "aria-labelledby": "help-title" },
     h("div", { class: "help-head" }, h("h2", { id: "help-title" }, "Controls"), legend(), left, close),
-    keyboard(),
-    h(
-      "div",
-      { class: "help-tables" },
-      h("div", {}, table("Needle", NEEDLE), table("Speed", SPEED)),
-      h("div", {}, table("Probe", PROBE), table("Image and view", IMAGE)),
-    ),
+    board,
+    tables,
     h("p", { class: "help-foot" }, "Keys follow their place on the keyboard, not the letter. Hold a key to move steadily, tap it for one step. Every action also has a button; hover or hold a button to see its key. Simulated image: not a medical device."),
   );
   // Escape closes a dialog by itself: the page must hear of it
@@ -88,27 +113,22 @@ function legend(): HTMLElement {
   return h("p", { class: "legend" }, ...kinds.map(([kind, text]) => h("span", {}, h("i", { class: `key ${kind}` }), text)));
 }
 
-function keyboard(): HTMLElement {
-  return h(
-    "div",
-    { class: "keyboard", "aria-hidden": "true" },
-    h("div", {}, ...ROWS.map((row) => h("div", { class: "keys" }, ...row.map(([code, wide]) => key(code, wide))))),
-    h("div", { class: "cursor-keys" }, key("Home", 2), h("div", { class: "arrows" }, key("ArrowUp", 1), key("ArrowLeft", 1), key("ArrowDown", 1), key("ArrowRight", 1))),
-  );
+function keyboard(keys: ReadonlyMap<string, Binding>): HTMLElement[] {
+  const key = (code: string, wide: number): HTMLElement => {
+    const element = h("i", { class: `key ${kind(keys.get(code))} ${code}` }, code ? cap(code) : "");
+    element.style.setProperty("--wide", String(wide));
+    return element;
+  };
+  const rows = ROWS.map((row) => h("div", { class: "keys" }, ...row.map(([code, wide]) => key(code, wide))));
+  const arrows = ["ArrowUp", "ArrowLeft", "ArrowDown", "ArrowRight"].map((code) => key(code, 1));
+  return [h("div", {}, ...rows), h("div", { class: "cursor-keys" }, key("Home", 2), h("div", { class: "arrows" }, ...arrows))];
 }
 
-function key(code: string, wide: number): HTMLElement {
-  const element = h("i", { class: `key ${kind(code)} ${code}` }, code ? cap(code) : "");
-  element.style.setProperty("--wide", String(wide));
-  return element;
-}
-
-function kind(code: string): string {
-  const binding = KEYS.get(code);
+function kind(binding: Binding | undefined): string {
   if (!binding) return "unused";
   if (binding.does === "pace") return "pace";
   if (binding.does === "action") return { skin: "needle", entry: "needle", undo: "needle", recentre: "probe" }[binding.action as string] ?? "view";
-  return ["push", "angle", "swing"].includes(binding.axis) ? "needle" : ["slide", "sweep", "rotate", "fan"].includes(binding.axis) ? "probe" : "view";
+  return binding.knob.group === "image" ? "view" : binding.knob.group;
 }
 
 function table(title: string, lines: readonly Line[]): HTMLTableElement {

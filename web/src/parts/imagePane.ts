@@ -1,6 +1,5 @@
 /** The large pane: image, marks, scale, and the few words in its black corners. */
 
-import { show } from "../axes";
 import type { Desk } from "../desk";
 import { h, s, toggle } from "../dom";
 import { roomBeside, type Side } from "../image/corner";
@@ -9,9 +8,11 @@ import { needleInImage, skinLine } from "../image/geometry";
 import { faceOrigin, Marks } from "../image/marks";
 import { Picture } from "../image/picture";
 import { Ruler } from "../image/ruler";
-import { sector, type Point, type Sector } from "../image/sector";
+import { parallel, sector, type Point, type Sector } from "../image/sector";
+import { cap } from "../keys";
+import { DEPTH, FREQUENCY, GAIN, show } from "../knobs";
 import { keep, margins, readoutCorner, RULER_X, type Layout } from "../layouts";
-import type { FrameHeader, Scene, State } from "../protocol";
+import type { Command, FrameHeader, Scene } from "../protocol";
 import type { Session } from "../session";
 import { clamp } from "../vec";
 import { inPlane, onTarget } from "./readouts";
@@ -28,11 +29,7 @@ export class ImagePane {
   readonly marks = new Marks();
   private readonly caption = h("p", { class: "caption", "aria-hidden": "true" });
   private readonly greyBar = h("div", { class: "grey-bar", "aria-hidden": "true" });
-  private readonly keys = h(
-    "p",
-    { id: "image-keys", class: "unseen" },
-    "Arrow keys push, pull and turn the needle; A D W S slide and sweep the probe; Q E rotate, Z X fan; comma and full stop swing; Space freezes; question mark shows all keys.",
-  );
+  private readonly keys = h("p", { id: "image-keys", class: "unseen" });
   readonly element: HTMLElement;
   readonly ruler = new Ruler();
   mapping: Mapping | null = null;
@@ -63,7 +60,10 @@ export class ImagePane {
       this.size = { width: entry.contentRect.width, height: entry.contentRect.height };
       this.place();
     }).observe(this.element);
-    session.sceneReady.on(() => this.place());
+    session.sceneReady.on((scene) => {
+      this.keys.textContent = keysInWords(scene);
+      this.place();
+    });
     session.drawn.on((frame) => {
       this.picture.draw(frame);
       this.drawFrame(frame.header);
@@ -162,7 +162,7 @@ export class ImagePane {
     const right = needleRight(scene);
     const corner = readoutCorner(layout, right);
     const kept = keep(layout, right, window.innerHeight > window.innerWidth);
-    const room = margins(layout, scene.probe.kind);
+    const room = margins(layout, parallel(scene.probe));
     for (let less = 0; ; less += GIVE_WAY) {
       const box = fit(size, raster, corner ? { ...room, [corner.side]: room[corner.side] + less } : room, kept);
       const mapping = (this.mapping = new Mapping(box, raster, size));
@@ -185,12 +185,12 @@ export class ImagePane {
     if (!mapping || !view || !session.command) return;
     this.marks.drawProbe(mapping, view, header, scene, size.width);
     this.drawnHandle = this.marks.drawHandle(mapping, view, header, scene, header.state.needle, 0);
-    const name = scene.targets.find((target) => target.id === header.target?.id)?.name ?? "";
+    const name = scene.targets.find((target) => target.id === header.target.id)?.name ?? "";
     this.marks.drawGuides(mapping, header, name, inPlane(header.readouts), onTarget(header.readouts, scene), size.width);
     this.drawCommand(session.command);
   }
 
-  private drawCommand(command: State): void {
+  private drawCommand(command: Command): void {
     const { mapping, view } = this;
     const { frame, scene } = this.session;
     if (!mapping || !view || !frame || !scene) return;
@@ -199,13 +199,14 @@ export class ImagePane {
     this.ruler.draw(mapping, faceOrigin(frame.header)[1], frame.header.state.image.depth, command.image.focus);
   }
 
-  private writeCaption(state: State, scene: Scene): void {
+  private writeCaption(state: Command, scene: Scene): void {
     const { image } = state;
+    const knob = (id: string) => this.session.knob(id);
     const lines = [
       scene.probe.name,
-      `${show("frequency", image.frequency)} MHz`,
-      `Depth ${show("depth", image.depth)} cm`,
-      `Gain ${show("gain", image.gain)} dB`,
+      `${show(knob(FREQUENCY), image.frequency)} MHz`,
+      `Depth ${show(knob(DEPTH), image.depth)} cm`,
+      `Gain ${show(knob(GAIN), image.gain)} dB`,
       "Simulated image",
     ];
     if (this.caption.dataset.text === lines.join("\n")) return;
@@ -224,4 +225,16 @@ function expected(view: Sector): Raster {
   const pixel = 0.25;
   const count = (axis: 0 | 1) => Math.ceil((view.high[axis] - view.low[axis]) / pixel);
   return { columns: clamp(count(0), 1, 4096), rows: clamp(count(1), 1, 4096), pixel: [pixel, pixel] };
+}
+
+/** The keys that move something, for those who hear them. */
+function keysInWords(scene: Scene): string {
+  const moves = scene.knobs.filter(({ keys }) => keys).map(({ keys, name }) => `${(keys ?? []).map(spoken).join(" and ")}: ${name.toLowerCase()}`);
+  return `${moves.join("; ")}. Space freezes; question mark shows all keys.`;
+}
+
+/** A key as it is read out: its name where what is printed on it is no letter. */
+function spoken(code: string): string {
+  const printed = cap(code);
+  return /^\w$/.test(printed) ? printed : code.replace(/([a-z])([A-Z])/g, "$1 $2").toLowerCase();
 }

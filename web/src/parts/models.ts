@@ -3,7 +3,7 @@
 import type { Desk } from "../desk";
 import { h } from "../dom";
 import { keyOf, type ActionId } from "../keys";
-import type { Model } from "../protocol";
+import type { Choice } from "../protocol";
 import { choose, radioKeys } from "./buttons";
 
 export function modelSwitch(desk: Desk): HTMLElement {
@@ -21,13 +21,12 @@ export function modelSwitch(desk: Desk): HTMLElement {
   return group;
 }
 
-function modelButton(desk: Desk, model: Model, place: number): HTMLButtonElement {
+function modelButton(desk: Desk, model: Choice, place: number): HTMLButtonElement {
   const action = `model${place + 1}` as ActionId;
   return h(
     "button",
     {
-      type: "button", role: "radio", "data-model": model.id, "aria-disabled": String(!model.available),
-      "data-hint": model.available ? model.name : `${model.name}: ${model.reason ?? "not available"}`,
+      type: "button", role: "radio", "data-model": model.id, "data-hint": model.name,
       "data-key": place < 3 ? keyOf(action) : "",
       onclick: () => desk.session.chooseModel(model.id),
     },

@@ -4,7 +4,7 @@ import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon, type IconName } from "../icons";
 import type { Side } from "../image/corner";
-import type { Blocked } from "../protocol";
+import type { FrameHeader } from "../protocol";
 import type { Header } from "./header";
 import type { ImagePane } from "./imagePane";
 
@@ -15,7 +15,7 @@ const EVERY = 100;
 const WIDTHS = [190, 170, 150, 135, 120, 105, 90];
 const CLEAR = 8;
 /** What is limited, and by what. */
-const BLOCKED: Record<Blocked, readonly [string, string]> = {
+const BLOCKED: Record<NonNullable<FrameHeader["blocked"]>, readonly [string, string]> = {
   "end of needle": ["End of needle", "All of it is in"],
   "leaves the tissue": ["Leaves the tissue", "The needle stops here"],
   "needle inside": ["Turns no further", "The tissue holds the needle: pull it out to turn it more"],
@@ -57,7 +57,7 @@ export class NoticePart {
     });
     session.drawn.on(({ header: { blocked } }) => {
       if (!blocked) return;
-      const [title, text] = BLOCKED[blocked] ?? [blocked, ""];
+      const [title, text] = BLOCKED[blocked];
       this.blocked = { title, text, until: performance.now() + BLOCK_LINGER };
     });
     session.sceneReady.on(() => {

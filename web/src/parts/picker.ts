@@ -89,7 +89,7 @@ export function scenePicker(session: Session): HTMLElement {
   const send = async (chosen: File) => {
     const text = await chosen.text();
     if (text.length <= LARGEST) return session.openScene(chosen.name, text);
-    session.refused.emit({ type: "refused", what: "scene", message: `${text.length} characters are too many for a scene file; give at most ${LARGEST}`, file: chosen.name });
+    session.refused.emit({ type: "refused", what: "scene", message: `${text.length} characters are too many for a scene file; give at most ${LARGEST}`, file: chosen.name, line: null, seq: null });
   };
   root.addEventListener("open-scene-menu", () => open(true));
   root.addEventListener("open-scene-file", () => file.click());

@@ -92,7 +92,7 @@ export class MotionPlot {
     labels.forEach(({ text }, k) => text.setAttribute("y", heights[k].toFixed(1)));
     out.push(...labels.map(({ text }) => text));
     const now = frame?.header.readouts;
-    if (now && now.moved !== null) out.push(s("circle", { class: "live", cx: px(now.depth).toFixed(1), cy: py(now.moved).toFixed(1), r: 4 }));
+    if (now) out.push(s("circle", { class: "live", cx: px(now.depth).toFixed(1), cy: py(now.moved).toFixed(1), r: 4 }));
     return out;
   }
 }

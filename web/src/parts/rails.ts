@@ -1,12 +1,12 @@
 /** Touch: probe at the left thumb, needle at the right, image settings along the bottom. */
 
-import { AXES, type AxisId } from "../axes";
-import { IMAGE_AXES, type Desk } from "../desk";
+import type { Desk } from "../desk";
 import { h } from "../dom";
 import { icon } from "../icons";
 import { draggable } from "../input/drag";
+import { ACROSS, ALONG, PUSH, SLIDE, SWEEP } from "../knobs";
 import { actionButton, freezeButton, paceButton } from "./buttons";
-import { stepper } from "./stepper";
+import { steppers } from "./steppers";
 
 /** px from the middle to full speed. */
 const LEVER_REACH = 74;
@@ -22,8 +22,7 @@ export function probeRail(desk: Desk): HTMLElement {
     h("h2", {}, "Probe"),
     actionButton(desk, "recentre", "Recentre", "entry"),
     h("div", { class: "space" }),
-    tall(desk, "fan", "Fan"),
-    tall(desk, "rotate", "Rotate"),
+    steppers(desk, "probe", "inline", { without: [SLIDE, SWEEP], tall: true, upwards: true }),
     pad(desk),
     h("p", { class: "hint" }, "Slide and sweep"),
   );
@@ -35,8 +34,7 @@ export function needleRail(desk: Desk): HTMLElement {
     { class: "rail-column needle", "aria-label": "Needle" },
     h("h2", {}, "Needle"),
     h("div", { class: "pair" }, actionButton(desk, "undo", "Undo", "undo", "stacked"), actionButton(desk, "entry", "Entry", "entry", "stacked")),
-    tall(desk, "angle", "Angle"),
-    tall(desk, "swing", "Swing"),
+    steppers(desk, "needle", "inline", { without: [PUSH, ALONG, ACROSS], tall: true }),
     h("div", { class: "space" }),
     paceButton(desk),
     lever(desk),
@@ -44,25 +42,24 @@ export function needleRail(desk: Desk): HTMLElement {
 }
 
 export function imageBar(desk: Desk): HTMLElement {
-  return h("footer", { class: "image-bar", "aria-label": "Image" }, ...IMAGE_AXES.map((id) => stepper(desk, id)), freezeButton(desk, ""));
-}
-
-/** A stepper with its name and value above two large buttons. */
-function tall(desk: Desk, id: AxisId, name: string): HTMLElement {
-  const element = stepper(desk, id, name);
-  element.classList.add("tall");
-  return element;
+  return h("footer", { class: "image-bar", "aria-label": "Image" }, steppers(desk, "image", "steppers"), freezeButton(desk, ""));
 }
 
 /** Sprung: the distance from the middle is the speed, letting go stops. */
 function lever(desk: Desk): HTMLElement {
-  const knob = h("div", { class: "knob", role: "slider", tabindex: 0, "aria-label": "Push or pull the needle", "aria-valuemin": -20, "aria-valuemax": 20, "aria-valuenow": 0, "aria-orientation": "vertical" }, icon("grip", 28));
+  const knob = h("div", { class: "knob", role: "slider", tabindex: 0, "aria-label": "Push or pull the needle", "aria-valuenow": 0, "aria-orientation": "vertical" }, icon("grip", 28));
   const pull = h("button", { type: "button", class: "end pull" }, "Pull", icon("up", 20));
   const push = h("button", { type: "button", class: "end push" }, icon("down", 20), "Push");
+  let fastest = 0;
+  desk.session.sceneReady.on(() => {
+    fastest = LEVER_SPEED * desk.session.knob(PUSH).rate;
+    knob.setAttribute("aria-valuemin", String(-fastest));
+    knob.setAttribute("aria-valuemax", String(fastest));
+  });
   const set = (share: number) => {
     knob.style.transform = share ? `translateY(${(share * LEVER_REACH).toFixed(1)}px)` : "";
-    knob.setAttribute("aria-valuenow", (share * LEVER_SPEED * AXES.push.rate).toFixed(0));
-    desk.drive("lever", "push", share * LEVER_SPEED);
+    knob.setAttribute("aria-valuenow", (share * fastest).toFixed(0));
+    desk.drive("lever", PUSH, share * LEVER_SPEED);
   };
   draggable(knob, () => ({
     move: (_dx, dy) => set(Math.max(-1, Math.min(1, dy / LEVER_REACH))),
@@ -72,30 +69,33 @@ function lever(desk: Desk): HTMLElement {
     const sign = { ArrowDown: 1, ArrowUp: -1 }[event.code];
     if (!sign || event.repeat) return;
     event.preventDefault();
-    desk.press(event.code, "push", sign);
+    desk.press(event.code, PUSH, sign);
   });
   let tapped = -Infinity;
   pull.addEventListener("click", () => {
     const now = performance.now();
     if (now - tapped < DOUBLE_TAP) desk.run("skin");
-    else desk.tap("push", -1);
+    else desk.tap(PUSH, -1);
     tapped = now;
   });
-  push.addEventListener("click", () => desk.tap("push", 1));
+  push.addEventListener("click", () => desk.tap(PUSH, 1));
   return h("div", { class: "lever" }, pull, h("div", { class: "slot" }, knob), push);
 }
+
+const ARROWS = [["up", SWEEP, 1], ["down", SWEEP, -1], ["left", SLIDE, -1], ["right", SLIDE, 1]] as const;
 
 /** The left thumb's pad: across slides, up and down sweeps. */
 function pad(desk: Desk): HTMLElement {
   const knob = h("div", { class: "knob" }, icon("plus", 34));
   const set = (x: number, y: number) => {
     knob.style.transform = x || y ? `translate(${(x * PAD_REACH).toFixed(1)}px, ${(y * PAD_REACH).toFixed(1)}px)` : "";
-    desk.drive("pad-x", "slide", x);
-    desk.drive("pad-y", "sweep", -y);
+    desk.drive("pad-x", SLIDE, x);
+    desk.drive("pad-y", SWEEP, -y);
   };
-  const arrows = (["up", "down", "left", "right"] as const).map((side) => {
-    const [axis, sign] = { up: ["sweep", 1], down: ["sweep", -1], left: ["slide", -1], right: ["slide", 1] }[side] as [AxisId, 1 | -1];
-    return h("button", { type: "button", class: `arrow ${side}`, "aria-label": sign < 0 ? AXES[axis].down : AXES[axis].up, onclick: () => desk.tap(axis, sign) });
+  const arrows = ARROWS.map(([side, id, sign]) => {
+    const arrow = h("button", { type: "button", class: `arrow ${side}`, onclick: () => desk.tap(id, sign) });
+    desk.session.sceneReady.on(() => arrow.setAttribute("aria-label", desk.session.knob(id)[sign < 0 ? "down" : "up"]));
+    return arrow;
   });
   const root = h("div", { class: "pad" }, ...arrows, knob);
   draggable(knob, () => ({

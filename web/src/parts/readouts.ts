@@ -3,7 +3,7 @@
 import { Caution } from "../caution";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
-import { signless } from "../axes";
+import { signless } from "../knobs";
 import type { FrameHeader, Readouts as Values, Scene } from "../protocol";
 import type { Session } from "../session";
 import { parts } from "./words";
@@ -18,7 +18,7 @@ const NEEDLE_END = 0.95;
 export const towardsViewer = (values: Values): number => (values.out_of_plane === 0 ? 0 : -values.out_of_plane);
 export const inPlane = (values: Values): boolean => Math.abs(values.out_of_plane) <= values.half_slice;
 export const onTarget = (values: Values, scene: Scene): boolean =>
-  values.tip_to_target !== null && values.tip_to_target <= scene.tolerance_mm;
+  values.tip_to_target <= scene.tolerance_mm;
 
 interface Row { root: HTMLElement; number: HTMLOutputElement; unit: HTMLElement; note: HTMLElement }
 

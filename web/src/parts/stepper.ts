@@ -1,61 +1,66 @@
 /** Minus, value, plus; the value can be typed. */
 
-import { axis, AXES, limits, show, type AxisId } from "../axes";
 import type { Desk } from "../desk";
 import { h, toggle } from "../dom";
 import { icon, type IconName } from "../icons";
 import { holdable } from "../input/hold";
 import { DONE } from "../input/focus";
-import { keyOf } from "../keys";
+import { keyOfKnob } from "../keys";
+import { show } from "../knobs";
+import type { Knob } from "../protocol";
 
-/** Which pictures stand on the two buttons. */
-const PICTURES: Partial<Record<AxisId, readonly [IconName, IconName]>> = {
-  slide: ["left", "right"], sweep: ["down", "up"], rotate: ["anticlockwise", "clockwise"], fan: ["anticlockwise", "clockwise"],
-  angle: ["anticlockwise", "clockwise"], swing: ["left", "right"],
+/** What stands on the two buttons. */
+const PICTURES: Record<Knob["sense"], readonly [IconName, IconName]> = {
+  "less-more": ["minus", "plus"], "left-right": ["left", "right"], "near-far": ["down", "up"], turn: ["anticlockwise", "clockwise"],
 };
 
-export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string): HTMLElement {
+export interface Stepper {
+  element: HTMLElement;
+  /** Show what is asked for now. */
+  refresh(): void;
+}
+
+export function stepper(desk: Desk, knob: Knob): Stepper {
   const { session } = desk;
-  const spec = axis(id);
-  const pictures = PICTURES[id] ?? ["minus", "plus"];
-  const unit = spec.unit === "°" ? "°" : ` ${spec.unit}`;
+  const { id, low, high } = knob;
+  const unit = knob.unit === "°" ? "°" : ` ${knob.unit}`;
   const buttons = ([-1, 1] as const).map((sign) => {
-    const label = sign < 0 ? spec.down : spec.up;
-    const button = h("button", { type: "button", "aria-label": label, "data-hint": label, "data-key": keyOf({ axis: id, sign }) }, icon(pictures[(sign + 1) / 2]));
+    const label = sign < 0 ? knob.down : knob.up;
+    const picture = icon(PICTURES[knob.sense][sign < 0 ? 0 : 1]);
+    const button = h("button", { type: "button", "aria-label": label, "data-hint": label, "data-key": keyOfKnob(knob, sign) }, picture);
     holdable(button, desk, id, sign);
     return button;
   });
   const input = h("input", {
-    type: "text", inputmode: "decimal", role: "spinbutton", "aria-label": spec.name, autocomplete: "off", spellcheck: "false",
-    "data-axis": id,
+    type: "text", inputmode: "decimal", role: "spinbutton", "aria-label": knob.name, autocomplete: "off", spellcheck: "false",
+    "data-knob": id,
   });
-  const root = h("div", { class: `stepper ${id}` }, buttons[0], h("label", { class: "middle" }, h("span", { class: "name" }, name), input), buttons[1]);
+  const name = h("span", { class: "name" }, h("span", { class: "long" }, knob.name), h("span", { class: "short" }, knob.short));
+  const element = h("div", { class: `stepper ${knob.field}` }, buttons[0], h("label", { class: "middle" }, name, input), buttons[1]);
 
   const refresh = () => {
-    if (!session.command || !session.scene) return;
     const value = session.value(id);
-    const [low, high] = limits(session.scene.limits, id);
-    const text = `${show(id, value)}${unit}`;
+    const text = `${show(knob, value)}${unit}`;
     if (document.activeElement !== input && input.value !== text) input.value = text;
-    input.setAttribute("aria-valuenow", String(value / spec.shown));
-    input.setAttribute("aria-valuemin", String(low / spec.shown));
-    input.setAttribute("aria-valuemax", String(high / spec.shown));
+    input.setAttribute("aria-valuenow", String(value / knob.shown));
+    input.setAttribute("aria-valuemin", String(low / knob.shown));
+    input.setAttribute("aria-valuemax", String(high / knob.shown));
     input.setAttribute("aria-valuetext", text.replace("°", " degrees"));
     input.dataset.value = value.toFixed(3);
     const held = !session.answers;
-    toggle(root, "held", held);
+    toggle(element, "held", held);
     input.disabled = held;
     // at its limit a button dims, but keeps the focus: it would be lost in the middle of a press
     buttons.forEach((button, k) => button.setAttribute("aria-disabled", String(held || value === (k ? high : low))));
   };
   const take = () => {
     const typed = Number.parseFloat(input.value.replace("\u2212", "-").replace(",", "."));
-    if (Number.isFinite(typed)) desk.goTo(id, typed * spec.shown, "fast");
+    if (Number.isFinite(typed)) desk.goTo(id, typed * knob.shown, "fast");
     write();
   };
-  const write = () => (input.value = `${show(id, desk.goal(id) ?? session.value(id))}${unit}`);
+  const write = () => (input.value = `${show(knob, desk.goal(id) ?? session.value(id))}${unit}`);
   // who came with a pointer goes back to the image with it; who came with the Tab key stays
-  const done = () => (byPointer ? root.dispatchEvent(new Event(DONE, { bubbles: true })) : input.select());
+  const done = () => (byPointer ? element.dispatchEvent(new Event(DONE, { bubbles: true })) : input.select());
   let byPointer = false;
   input.parentElement?.addEventListener("pointerdown", () => (byPointer = true));
   input.addEventListener("focus", () => input.select());
@@ -72,8 +77,5 @@ export function stepper(desk: Desk, id: AxisId, name = AXES[id].name as string):
     if (event.code === "Enter") take();
     if (event.code === "Enter" || event.code === "Escape") done();
   });
-  session.commanded.on(refresh);
-  session.sceneReady.on(refresh);
-  session.statusChanged.on(refresh);
-  return root;
+  return { element, refresh };
 }

@@ -4,6 +4,7 @@ import type { Desk } from "../desk";
 import { h, toggle } from "../dom";
 import { draggable } from "../input/drag";
 import { keyOf } from "../keys";
+import { PUSH } from "../knobs";
 import type { FrameHeader } from "../protocol";
 import { clamp, dot, sub } from "../vec";
 
@@ -26,42 +27,42 @@ export function track(desk: Desk): HTMLElement {
 
   const place = (depth: number) => `${((100 * clamp(depth, 0, length())) / length()).toFixed(2)}%`;
   const refresh = () => {
-    const depth = session.value("push");
+    const depth = session.value(PUSH);
     fill.style.width = knob.style.left = place(depth);
     rail.setAttribute("aria-valuenow", depth.toFixed(1));
     rail.setAttribute("aria-valuetext", `${depth.toFixed(1)} millimetres`);
     toggle(root, "held", !session.answers);
   };
   const mark = ({ target, needle }: FrameHeader) => {
-    const depth = target ? dot(sub(target.now, needle.entry), needle.direction) : -1;
+    const depth = dot(sub(target.now, needle.entry), needle.direction);
     pin.hidden = depth < 0 || depth > length();
     pin.style.left = place(depth);
   };
   const aim = () => {
-    const depth = desk.goal("push");
+    const depth = desk.goal(PUSH);
     goal.hidden = depth === null;
     if (depth !== null) goal.style.left = place(depth);
   };
   const to = (event: PointerEvent) => {
     const box = rail.getBoundingClientRect();
-    desk.goTo("push", (length() * (event.clientX - box.left)) / box.width);
+    desk.goTo(PUSH, (length() * (event.clientX - box.left)) / box.width);
   };
   draggable(rail, (event) => {
     to(event);
-    return { move: (_dx, _dy, moved) => to(moved), end: (cancelled) => cancelled && desk.halt("push") };
+    return { move: (_dx, _dy, moved) => to(moved), end: (cancelled) => cancelled && desk.halt(PUSH) };
   });
   rail.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.code];
     const page = { PageUp: PAGE, PageDown: -PAGE }[event.code];
     if (event.code === "Home") desk.run("skin");
-    else if (step) desk.tap("push", step);
-    else if (page) desk.goTo("push", (desk.goal("push") ?? session.value("push")) + page);
+    else if (step) desk.tap(PUSH, step);
+    else if (page) desk.goTo(PUSH, (desk.goal(PUSH) ?? session.value(PUSH)) + page);
     else return;
     event.preventDefault();
   });
-  session.sceneReady.on((scene) => {
+  session.sceneReady.on(() => {
     end.textContent = `${length().toFixed(0)} mm`;
-    rail.setAttribute("aria-valuemax", String(scene.limits.needle.depth[1]));
+    rail.setAttribute("aria-valuemax", String(session.knob(PUSH).high));
     const count = Math.floor(length() / TICK);
     ticks.replaceChildren(...Array.from({ length: count + 1 }, (_, k) => {
       const tick = h("i", { class: k % 5 ? "" : "long" });

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import type { Desk } from "../desk";
+import { ROTATE, SLIDE, SWEEP } from "../knobs";
 import { PACE } from "../motion";
 import { lightRing, RING_NAME } from "./transducer";
 import type { View3d } from "./view";
@@ -64,7 +65,7 @@ export function dragProbe(view: View3d, desk: Desk): void {
 
   /** The ring's point under the pointer goes with it. */
   const turning = (down: PointerEvent, from: THREE.Vector3): Follow => {
-    const start = session.value("rotate");
+    const start = session.value(ROTATE);
     const pose = view.probe?.matrix ?? new THREE.Matrix4();
     const axis = new THREE.Vector3().setFromMatrixColumn(pose, 1);
     const arm = from.clone().sub(new THREE.Vector3().setFromMatrixPosition(pose));
@@ -75,7 +76,7 @@ export function dragProbe(view: View3d, desk: Desk): void {
     way.normalize();
     return (event) => {
       const px = (event.clientX - down.clientX) * way.x + (event.clientY - down.clientY) * way.y;
-      desk.goTo("rotate", start + px * pace, "fast");
+      desk.goTo(ROTATE, start + px * pace, "fast");
     };
   };
 
@@ -87,7 +88,7 @@ export function dragProbe(view: View3d, desk: Desk): void {
   /** The pointer's way over the skin, as slide and sweep. */
   const moving = (from: THREE.Vector3): Follow => {
     const frame = session.scene?.frame;
-    const [slide, sweep] = [session.value("slide"), session.value("sweep")];
+    const [slide, sweep] = [session.value(SLIDE), session.value(SWEEP)];
     const [right, depth, out] = [frame?.right, frame?.depth, frame?.out].map((v) => new THREE.Vector3(...((v ?? [0, 0, 0]) as [number, number, number])));
     const skin = new THREE.Plane().setFromNormalAndCoplanarPoint(depth, from);
     return (event) => {
@@ -95,8 +96,8 @@ export function dragProbe(view: View3d, desk: Desk): void {
       const to = caster.ray.intersectPlane(skin, new THREE.Vector3());
       if (!to) return;
       const way = to.sub(from).multiplyScalar(PACE[desk.motion.pace]);
-      desk.goTo("slide", slide + way.dot(right), "fast");
-      desk.goTo("sweep", sweep + way.dot(out), "fast");
+      desk.goTo(SLIDE, slide + way.dot(right), "fast");
+      desk.goTo(SWEEP, sweep + way.dot(out), "fast");
     };
   };
 }

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { sector, type Point } from "../image/sector";
-import type { Frame, ProbeInfo } from "../protocol";
+import type { Frame, ProbeOutline } from "../protocol";
 import { toFrame, toWorld } from "../vec";
 
 export class ImagePlane {
@@ -23,7 +23,7 @@ export class ImagePlane {
     this.object.matrixAutoUpdate = false;
   }
 
-  show({ header, pixels }: Frame, probe: ProbeInfo): void {
+  show({ header, pixels }: Frame, probe: ProbeOutline): void {
     const { rows, columns, pixel } = header;
     const key = [rows, columns, ...pixel, header.state.image.depth, ...origin(header)].join();
     if (key !== this.shape) {
@@ -36,7 +36,7 @@ export class ImagePlane {
     this.object.matrixWorldNeedsUpdate = true;
   }
 
-  private rebuild(header: Frame["header"], probe: ProbeInfo): void {
+  private rebuild(header: Frame["header"], probe: ProbeOutline): void {
     const { rows, columns, pixel } = header;
     const { face, deep, outline } = sector(probe, header.state.image.depth);
     const [ox, oy] = origin(header);

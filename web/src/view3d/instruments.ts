@@ -59,8 +59,7 @@ export class TargetModel {
   }
 
   place({ target }: FrameHeader): void {
-    this.sprite.visible = target !== null;
-    if (target) this.sprite.position.set(target.now[0], target.now[1], target.now[2]);
+    this.sprite.position.set(target.now[0], target.now[1], target.now[2]);
   }
 
   /** The same number of px at any size of the pane. */

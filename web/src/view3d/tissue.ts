@@ -1,11 +1,11 @@
 /** Tissue surface, organs and the deforming grid: rest positions once, then positions as they come. */
 
 import * as THREE from "three";
-import type { Geometry, MeshInfo } from "../protocol";
+import type { Geometry, MeshHeader } from "../protocol";
 import { cividis, roundUp } from "./cividis";
 
 interface Part {
-  info: MeshInfo;
+  info: MeshHeader;
   rest: Float32Array;
   object: THREE.Mesh | THREE.LineSegments;
   plain: THREE.Color;
@@ -61,7 +61,7 @@ export class TissueModel {
     if (on) this.paint();
   }
 
-  private part(info: MeshInfo, rest: Float32Array, indices: Uint32Array, order: number): Part {
+  private part(info: MeshHeader, rest: Float32Array, indices: Uint32Array, order: number): Part {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(rest.slice(), 3).setUsage(THREE.DynamicDrawUsage));
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(rest.length).fill(1), 3));
@@ -111,7 +111,7 @@ export class TissueModel {
   }
 }
 
-function surface(geometry: THREE.BufferGeometry, info: MeshInfo): THREE.Mesh {
+function surface(geometry: THREE.BufferGeometry, info: MeshHeader): THREE.Mesh {
   geometry.computeVertexNormals();
   const material = new THREE.MeshPhongMaterial({
     color: info.colour,
@@ -134,7 +134,7 @@ function thickenRim(shader: { fragmentShader: string }): void {
   shader.fragmentShader = shader.fragmentShader.replace("#include <opaque_fragment>", rim);
 }
 
-function lines(geometry: THREE.BufferGeometry, info: MeshInfo): THREE.LineSegments {
+function lines(geometry: THREE.BufferGeometry, info: MeshHeader): THREE.LineSegments {
   const material = new THREE.LineBasicMaterial({ color: info.colour, opacity: info.opacity, transparent: info.opacity < 1, depthWrite: false });
   return new THREE.LineSegments(geometry, material);
 }

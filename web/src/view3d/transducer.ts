@@ -1,7 +1,7 @@
 /** The probe: a moulded body in its own frame (x right, y deep, z out), a notch on the marked side, a ring to turn it by. */
 
 import * as THREE from "three";
-import type { ProbeInfo } from "../protocol";
+import type { ProbeOutline } from "../protocol";
 
 const BODY = 0xc3cad2;
 const LENS = 0x4a525b;
@@ -22,7 +22,7 @@ const AROUND = 48;
 
 export const RING_NAME = "ring";
 
-export function transducer(probe: ProbeInfo): THREE.Group {
+export function transducer(probe: ProbeOutline): THREE.Group {
   const shape = shapeOf(probe);
   const group = new THREE.Group();
   const cable = new THREE.CatmullRomCurve3([
@@ -69,11 +69,10 @@ interface Shape {
   size(height: number): readonly [number, number];
 }
 
-function shapeOf(probe: ProbeInfo): Shape {
-  const half = 2.5 + (probe.kind === "phased" ? 12 : faceHalf(probe));
+function shapeOf({ width_mm, thickness_mm, face_radius_mm: radius }: ProbeOutline): Shape {
+  const half = width_mm / 2;
+  const thick = thickness_mm / 2;
   const neck = Math.min(half * 0.6, 16);
-  const radius = probe.kind === "curvilinear" ? probe.radius_mm : 0;
-  const thick = probe.kind === "linear" ? 8 : 10.5;
   return {
     face: (x) => (radius > 0 ? Math.sqrt(Math.max(0, radius ** 2 - x ** 2)) - radius : 0),
     size: (height) => {
@@ -86,11 +85,6 @@ function shapeOf(probe: ProbeInfo): Shape {
 }
 
 const smooth = (t: number): number => (t <= 0 ? 0 : t >= 1 ? 1 : t * t * (3 - 2 * t));
-
-function faceHalf(probe: ProbeInfo): number {
-  if (probe.kind === "linear") return probe.aperture_mm / 2;
-  return probe.radius_mm * Math.sin((probe.field_of_view_deg * Math.PI) / 360);
-}
 
 function heights(from: number, to: number): number[] {
   const count = Math.ceil((to - from) / 3) + 1;

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { sector } from "../image/sector";
-import type { Frame, Geometry, Scene, SceneFrame } from "../protocol";
+import type { Frame, Geometry, Scene, SkinDirections } from "../protocol";
 import { add, scale, toWorld, turnToWorld, type Vec } from "../vec";
 import { FOV, framed, inSight, needleIn } from "./framing";
 import { ImagePlane } from "./imagePlane";
@@ -104,7 +104,7 @@ export class View3d {
     this.plane.object.visible = this.probe.visible = this.needle.group.visible = true;
     this.needle.place(header);
     this.target.place(header);
-    if (positions) this.tissue.move(positions, header.grid === true);
+    if (positions) this.tissue.move(positions, header.grid);
     if (this.follow) this.lookAlongProbe();
     this.redraw();
   }
@@ -198,7 +198,7 @@ function lights(): THREE.Light[] {
 }
 
 /** Light from above the skin and from the viewer's side. */
-function shine(stage: THREE.Scene, { right, depth, out }: SceneFrame): void {
+function shine(stage: THREE.Scene, { right, depth, out }: SkinDirections): void {
   const up = scale(depth, -1);
   const place = (name: string, from: Vec) => stage.getObjectByName(name)?.position.set(from[0], from[1], from[2]);
   place("sun", add(add(scale(out, -0.8), scale(up, 1.3)), scale(right, 0.8)));

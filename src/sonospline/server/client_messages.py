@@ -23,15 +23,16 @@ class MessageError(ValueError):
         super().__init__(problem)
 
 
-def _snake(name: str) -> str:
+def snake_case(name: str) -> str:
+    """Return the ``type`` of a message from the name of its class."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
 
 
-class ClientText(Record, frozen=True, tag=_snake):
+class ClientMessage(Record, frozen=True, tag=snake_case):
     """A message by its ``type``: the name of its class."""
 
 
-class State(ClientText, frozen=True, kw_only=True):
+class CommandMessage(ClientMessage, frozen=True, kw_only=True, tag="command"):
     """The whole command, absolute."""
 
     seq: Annotated[int, about("number, larger than the last", low=0, high=MOST_SEQ)]
@@ -46,61 +47,64 @@ class State(ClientText, frozen=True, kw_only=True):
         return Command(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
 
 
-class Drawn(ClientText, frozen=True, kw_only=True):
+class Drawn(ClientMessage, frozen=True, kw_only=True):
     """A frame was drawn: credit for another one."""
 
     frame: Annotated[int, about("number of the frame", low=0, high=MOST_SEQ)]
 
 
-class Model(ClientText, frozen=True, kw_only=True):
+class ChooseModel(ClientMessage, frozen=True, kw_only=True, tag="model"):
     """Let another model answer."""
 
     model: Annotated[Text, about("paper, kelvinlet or elastic")]
 
 
-class ChooseScene(ClientText, frozen=True, kw_only=True, tag="scene"):
+class ChooseScene(ClientMessage, frozen=True, kw_only=True, tag="scene"):
     """Load another scene."""
 
     id: Annotated[Text, about("one of those in hello")]
 
 
-class OpenScene(ClientText, frozen=True, kw_only=True):
+class OpenScene(ClientMessage, frozen=True, kw_only=True):
     """Load a scene file of the user's."""
 
     name: Annotated[str, about("its file's name", longest=255)]
     text: Annotated[str, about("its text", longest=LONGEST)]
 
 
-class Target(ClientText, frozen=True, kw_only=True):
+class ChooseTarget(ClientMessage, frozen=True, kw_only=True, tag="target"):
     """Aim for another target."""
 
     id: Annotated[Text, about("one of the scene's")]
 
 
-class UndoPass(ClientText, frozen=True, kw_only=True):
+class UndoPass(ClientMessage, frozen=True, kw_only=True):
     """Take the needle out and forget the pass."""
 
 
-class Reset(ClientText, frozen=True, kw_only=True):
+class Reset(ClientMessage, frozen=True, kw_only=True):
     """Everything to the scene's start."""
 
 
-class Restore(ClientText, frozen=True, kw_only=True):
+class Restore(ClientMessage, frozen=True, kw_only=True):
     """Undo a reset."""
 
 
-class View(ClientText, frozen=True, kw_only=True):
+class View(ClientMessage, frozen=True, kw_only=True):
     """What the page shows, and how."""
 
     grid: Annotated[bool, about("whether positions of the grid lines are wanted")]
     ahead: Annotated[int, about("frames that may come before the last one was drawn", low=0, high=1)] = 1
 
 
-class Ping(ClientText, frozen=True, kw_only=True):
+class Ping(ClientMessage, frozen=True, kw_only=True):
     """Asks for a sign of life: frames may take long, the connection does not."""
 
 
-Message = State | Drawn | Model | ChooseScene | OpenScene | Target | UndoPass | Reset | Restore | View | Ping
+Message = (
+    CommandMessage | Drawn | ChooseModel | ChooseScene | OpenScene | ChooseTarget | UndoPass | Reset | Restore | View
+    | Ping
+)  # fmt: skip
 
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}
 
@@ -141,6 +145,6 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _number_of(values: dict[str, Any]) -> int | None:
-    """Return the number of a state that was refused, where it is one."""
+    """Return the number of a command that was refused, where it is one."""
     seq = values.get("seq")
     return seq if isinstance(seq, int) and not isinstance(seq, bool) and 0 <= seq <= MOST_SEQ else None

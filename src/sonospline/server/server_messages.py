@@ -1,0 +1,179 @@
+"""What the server says: JSON texts. The page's types are made from these, see :mod:`sonospline.server.schema`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct
+
+from ..simulator.command import Command
+from ..simulator.knobs import SceneKnob
+from ..simulator.scene_file import MODELS
+from .client_messages import snake_case
+
+if TYPE_CHECKING:
+    from ..simulator.session import Session
+    from ..ultrasound.probe import Probe
+
+PROTOCOL: Literal[2] = 2
+
+Vector = tuple[float, float, float]
+
+
+class ServerMessage(Struct, frozen=True, tag=snake_case):
+    """A message by its ``type``."""
+
+
+class OfferedScene(Struct, frozen=True, kw_only=True):
+    """A scene that can be chosen."""
+
+    id: str
+    name: str
+    description: str
+
+
+class Hello(ServerMessage, frozen=True, kw_only=True):
+    """The first message."""
+
+    version: str
+    protocol: Literal[2]
+    scenes: tuple[OfferedScene, ...]
+    session: str
+    """The key with which a page comes back to its session."""
+    resumed: bool
+    """Whether it has."""
+
+
+class Loading(ServerMessage, frozen=True, kw_only=True):
+    """A scene is being made."""
+
+    scene: str
+    name: str
+    share: float
+    """0 to 1."""
+
+
+class SkinDirections(Struct, frozen=True, kw_only=True):
+    """Unit vectors along the skin, into the tissue and away from the viewer (right x depth), and where they meet."""
+
+    right: Vector
+    depth: Vector
+    out: Vector
+    skin_origin: Vector
+
+
+class Box(Struct, frozen=True, kw_only=True):
+    """Corners of the tissue."""
+
+    low: Vector
+    high: Vector
+
+
+class Choice(Struct, frozen=True, kw_only=True):
+    """Something that can be chosen."""
+
+    id: str
+    name: str
+
+
+class ProbeOutline(Struct, frozen=True, kw_only=True):
+    """What a probe looks like and sees, in its own frame: x right, y deep, origin in the middle of its face; mm."""
+
+    name: str
+    beams: tuple[tuple[float, float, float, float], ...]
+    """From left to right: where a beam leaves the face, x and y, and its direction, x and y."""
+    face_radius_mm: float
+    """Of a convex face; 0 where it is flat."""
+    width_mm: float
+    thickness_mm: float
+    """Of its housing at the face."""
+
+
+class NeedleOutline(Struct, frozen=True, kw_only=True):
+    """What a needle looks like."""
+
+    length_mm: float
+
+
+class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
+    """What a page has to know of a scene before its first frame."""
+
+    id: str
+    name: str
+    frame: SkinDirections
+    box: Box
+    models: tuple[Choice, ...]
+    model: str
+    probe: ProbeOutline
+    needle: NeedleOutline
+    targets: tuple[Choice, ...]
+    target: str
+    tolerance_mm: float
+    """Tip to target that counts as on target."""
+    knobs: tuple[SceneKnob, ...]
+    state: Command
+    """What is in force."""
+    start: Command
+    """Where the scene starts."""
+
+    @classmethod
+    def of(cls, id: str, session: Session) -> SceneMessage:
+        """Return what is to be said of a session's scene."""
+        scene, spec = session.scene, session.scene.spec
+        right, depth, out, origin = (
+            tuple(v.tolist()) for v in (scene.frame.right, scene.frame.depth, scene.frame.out, scene.frame.origin)
+        )
+        low, high = (tuple(corner.tolist()) for corner in scene.box)
+        return cls(
+            id=id, name=spec.name, frame=SkinDirections(right=right, depth=depth, out=out, skin_origin=origin),
+            box=Box(low=low, high=high),
+            models=tuple(Choice(id=key, name=name) for key, name in MODELS.items()), model=session.model,
+            probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
+            targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets), target=session.target,
+            tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=session.command, start=scene.start,
+        )  # fmt: skip
+
+
+class ModelMessage(ServerMessage, frozen=True, kw_only=True, tag="model"):
+    """Another model answers from now on."""
+
+    model: str
+
+
+class TargetMessage(ServerMessage, frozen=True, kw_only=True, tag="target"):
+    """Another target is aimed at from now on."""
+
+    id: str
+
+
+class Refused(ServerMessage, frozen=True, kw_only=True):
+    """A message was not heeded."""
+
+    what: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+    seq: int | None = None
+
+
+class Notice(ServerMessage, frozen=True, kw_only=True):
+    """Something to be told to whoever sits there; after a fault the last picture stays."""
+
+    level: Literal["caution", "fault"]
+    message: str
+
+
+class Pong(ServerMessage, frozen=True, kw_only=True):
+    """A sign of life."""
+
+
+Said = Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Refused | Notice | Pong
+
+
+def outline(name: str, probe: Probe) -> ProbeOutline:
+    """Return what a probe looks like and sees."""
+    width, thickness = probe.housing_mm
+    beams = tuple(tuple(beam) for beam in probe.beam_lines().tolist())
+    return ProbeOutline(
+        name=name, beams=beams, face_radius_mm=probe.apex_mm, width_mm=width, thickness_mm=thickness
+    )  # fmt: skip
