@@ -81,7 +81,7 @@ use_own_caches_without_a_home() {
 # --- the Python environment: run (the library with its extras) and dev (what tests it)
 
 fingerprint_of_environment() {
-    { echo "$root"; readlink -f .venv/bin/python; cat pyproject.toml constraints.txt CMakeLists.txt src/sonospline/_core/src/*; } | cksum
+    { echo "$root"; readlink -f .venv/bin/python; cat pyproject.toml constraints.txt CMakeLists.txt src/sonospline/_core/src/*/*; } | cksum
 }
 
 # Its stamp holds the fingerprint and which core came of it: core, twin (no compiler), or broken (in spite of one).

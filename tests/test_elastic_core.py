@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from builds import INSTRUCTION_SETS, needs_core
-from sonospline._core import twin_elastic
+from sonospline._core import hexahedra
+from sonospline._core.twin import elastic as twin_elastic
 
 FIVE_PINNED = [False, True, True, True, True, True]
 
@@ -44,7 +45,7 @@ def test_the_product_equals_that_of_the_assembled_matrix(native, isa, full, cell
     native.use_instruction_set(isa)
     grids = levels_over(cells, spacing)
     values = nodal(cells)
-    expected = (twin_elastic.stiffness(grids[0], full) @ values.ravel().astype(float)).reshape(values.shape)
+    expected = (hexahedra.stiffness(grids[0], full) @ values.ravel().astype(float)).reshape(values.shape)
     found = native.ElasticMultigrid(grids, FIVE_PINNED, full, 3, NO_INVERSE).product(values)
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
@@ -57,7 +58,7 @@ def test_iterations_agree_with_the_twin(native, isa, pinned, cells, spacing):
     native.use_instruction_set(isa)
     arguments = levels_over(cells, spacing), pinned, False, 3, NO_INVERSE
     start = 0.1 * nodal(cells, seed=2)
-    start[:, ~twin_elastic.free_nodes(cells, pinned)] = 0
+    start[:, ~hexahedra.free_nodes(cells, pinned)] = 0
     ours, errors, sound = native.ElasticMultigrid(*arguments).iterate(nodal(cells), start, 4, True)
     theirs, expected_errors, _ = twin_elastic.ElasticMultigrid(*arguments).iterate(nodal(cells), start, 4, True)
     assert sound and len(errors) == 5
@@ -107,7 +108,7 @@ def test_a_line_load_agrees_with_the_twin(native, isa):
 def test_a_cell_resists_no_rigid_motion_and_stretches_as_hooke_says():
     spacing = (1.0, 1.5, 0.7)
     corner = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * spacing
-    dilatation, distortion = twin_elastic.cell_matrices(spacing, full=False)
+    dilatation, distortion = hexahedra.cell_matrices(spacing, full=False)
     for rotation in np.eye(3):
         turned = np.cross(rotation, corner).T.ravel()
         assert np.abs(dilatation @ turned).max() < 1e-14 and np.abs(distortion @ turned).max() < 1e-14

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sonospline import PolyharmonicSpline
-from sonospline._core import twin, twin_multilevel
+from sonospline._core import twin
+from sonospline._core.twin import multilevel as twin_multilevel
 
 native = pytest.importorskip("sonospline._core._native")
 

@@ -78,7 +78,7 @@ class Machine:
         for name in COPIED:
             (self.project / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, self.project / name)
-        for name in ("src/sonospline/_core/src/core.cpp", "src/sonospline/server/server.py"):
+        for name in ("src/sonospline/_core/src/common/core.cpp", "src/sonospline/server/server.py"):
             (self.project / name).parent.mkdir(parents=True)
             (self.project / name).touch()
         self.environment = {
@@ -150,7 +150,7 @@ def test_a_second_start_does_nothing_twice_and_a_change_what_it_needs(machine):
     (whole.project / "web/src/main.ts").write_text("// another page")
     whole.start("run")
     assert prefixes(whole.calls())[:-1] == SET_UP[-1:]
-    (whole.project / "src/sonospline/_core/src/core.cpp").write_text("// another core")
+    (whole.project / "src/sonospline/_core/src/common/core.cpp").write_text("// another core")
     whole.start("run")
     assert prefixes(whole.calls())[:-1] == SET_UP[1:3]
 

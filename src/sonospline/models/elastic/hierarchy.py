@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._core.twin_elastic import Level, free_nodes, stiffness
+from ..._core.hexahedra import Level, free_nodes, stiffness
 from ...geometry.grid import FACES
 from ...geometry.tissue import Tissue
 from ...mechanics.moduli import Moduli

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _core
-from ..._core.twin_elastic import weigh_along
+from ..._core.hexahedra import weigh_along
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...mechanics.loads import LineForce, Load

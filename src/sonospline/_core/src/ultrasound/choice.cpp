@@ -1,0 +1,155 @@
+// Scatterers sorted by the cells of a displacement lattice.
+#include <algorithm>
+#include <cmath>
+
+#include "common/parallel.hpp"
+#include "common/require.hpp"
+#include "ultrasound/scatterers.hpp"
+
+namespace sono {
+namespace {
+
+constexpr double kFullAmplitude = 32000;
+constexpr double kFarStrip = 1e6;
+constexpr int kTileSide = 8;                     // cells a side of the table that counts scatterers
+constexpr std::int32_t kTileCells = kTileSide * kTileSide * kTileSide;
+
+}  // namespace
+
+void Choice::Unit::add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place,
+                       double amplitude) {
+    Echo echo;
+    for (int a = 0; a < 3; ++a) {
+        echo.cell[a] = static_cast<std::int16_t>(cell[a]);
+        if (echo.cell[a] != cell[a]) return;  // no lattice reaches as far
+        echo.place[a] = static_cast<std::uint16_t>(place[a]);
+    }
+    echo.amplitude = static_cast<float>(amplitude);
+    if (std::isfinite(echo.amplitude)) echoes.push_back(echo);
+}
+
+void Choice::sort(std::vector<Unit> &&units, const View &view) {
+    units_ = std::move(units);
+    int low[3] = {INT16_MAX, INT16_MAX, INT16_MAX}, high[3] = {INT16_MIN, INT16_MIN, INT16_MIN};
+    float largest = 1e-12f;
+    std::size_t found = 0;
+    for (const Unit &unit : units_) {
+        found += unit.echoes.size();
+        for (const Echo &echo : unit.echoes) {
+            for (int a = 0; a < 3; ++a)
+                low[a] = std::min<int>(low[a], echo.cell[a]), high[a] = std::max<int>(high[a], echo.cell[a]);
+            largest = std::max(largest, std::fabs(echo.amplitude));
+        }
+    }
+    amplitude_step = static_cast<float>(largest / kFullAmplitude);
+    starts = {0};
+    if (low[0] > high[0]) return;
+    require(found <= kMostNodes, "the view hears more scatterers than can be numbered");
+    // a table of tiles, and of cells in those that hold any: a fine lattice would fill memory with empty cells
+    std::size_t tiles[3];
+    for (int a = 0; a < 3; ++a) tiles[a] = static_cast<std::size_t>((high[a] - low[a]) / kTileSide + 1);
+    require(tiles[0] * tiles[1] * tiles[2] <= kMostNodes, "the lattice is too fine for the scene");
+    std::vector<std::int32_t> tile_of(tiles[0] * tiles[1] * tiles[2], -1), counts, tile_number;
+    for (Unit &unit : units_)
+        for (Echo &echo : unit.echoes) {
+            const int x = echo.cell[0] - low[0], y = echo.cell[1] - low[1], z = echo.cell[2] - low[2];
+            const std::size_t at = (static_cast<std::size_t>(x / kTileSide) * tiles[1] + static_cast<std::size_t>(y / kTileSide)) * tiles[2] +
+                                   static_cast<std::size_t>(z / kTileSide);
+            std::int32_t &tile = tile_of[at];
+            if (tile < 0) {
+                require(counts.size() <= kMostNodes - kTileCells, "the lattice is too fine for the scene");
+                tile = static_cast<std::int32_t>(counts.size());
+                counts.resize(counts.size() + kTileCells);
+                tile_number.push_back(static_cast<std::int32_t>(at));
+            }
+            echo.slot = tile + (x % kTileSide * kTileSide + y % kTileSide) * kTileSide + z % kTileSide;
+            ++counts[static_cast<std::size_t>(echo.slot)];
+        }
+    struct Cell {
+        int strip;
+        float range;
+        std::int32_t slot;
+        std::size_t found;  // its number before sorting
+    };
+    std::vector<Cell> cells;
+    for (std::size_t slot = 0; slot < counts.size(); ++slot)
+        if (counts[slot]) cells.push_back({0, 0, static_cast<std::int32_t>(slot), cells.size()});
+    std::vector<CellFrame> frame_of(cells.size());
+    std::vector<CellNodes> nodes_of(cells.size());
+    const ViewNumbers &p = view.probe;
+    const std::ptrdiff_t strides[3] = {static_cast<std::ptrdiff_t>(view.shape[1] * view.shape[2]),
+                                       static_cast<std::ptrdiff_t>(view.shape[2]), 1};
+    constexpr std::size_t each = 256;
+    parallel_for((cells.size() + each - 1) / each, [&](std::size_t block) {
+        for (std::size_t i = block * each; i < std::min(cells.size(), (block + 1) * each); ++i) {
+            const std::int32_t slot = cells[i].slot, inside = slot % kTileCells;
+            const auto tile = static_cast<std::size_t>(tile_number[static_cast<std::size_t>(slot / kTileCells)]);
+            const int cell[3] = {low[0] + static_cast<int>(tile / (tiles[1] * tiles[2])) * kTileSide + inside / (kTileSide * kTileSide),
+                                 low[1] + static_cast<int>(tile / tiles[2] % tiles[1]) * kTileSide + inside / kTileSide % kTileSide,
+                                 low[2] + static_cast<int>(tile % tiles[2]) * kTileSide + inside % kTileSide};
+            const Point at = mapped(view.cell_to_image, {double(cell[0]), double(cell[1]), double(cell[2])});
+            const double y = at[1] + p.apex_mm, reach = p.curved != 0 ? std::sqrt(at[0] * at[0] + y * y) : at[1];
+            const double angle = p.curved != 0 ? std::atan2(at[0], y) : 0, cos = std::cos(angle), sin = std::sin(angle);
+            const double range = p.curved != 0 ? reach - p.apex_mm : at[1];
+            const double line = (p.curved != 0 ? angle : at[0]) / p.line_step + (p.lines - 1) / 2;
+            const double cycles = range * p.cycles_per_mm;
+            CellFrame &frame = frame_of[i];
+            CellNodes &node = nodes_of[i];
+            std::ptrdiff_t first = 0;
+            for (int a = 0; a < 3; ++a) {
+                const double x = view.cell_to_image[a] / view.spacing[a], d = view.cell_to_image[4 + a] / view.spacing[a];
+                // lateral, elevation, axial in the image frame (x right, y deep, z out of the plane)
+                frame.rotation[a] = static_cast<float>(cos * x - sin * d);
+                frame.rotation[3 + a] = static_cast<float>(view.cell_to_image[8 + a] / view.spacing[a]);
+                frame.rotation[6 + a] = static_cast<float>(sin * x + cos * d);
+                const int last = static_cast<int>(view.shape[a]) - 1;
+                const int from = std::clamp(cell[a], 0, last), to = std::clamp(cell[a] + 1, 0, last);
+                first += from * strides[a];
+                node.step[a] = static_cast<std::int32_t>((to - from) * strides[a]);
+            }
+            node.first = static_cast<std::int32_t>(first);
+            frame.range = static_cast<float>(range), frame.line = static_cast<float>(line);
+            frame.cycles = static_cast<float>(cycles - std::nearbyint(cycles));
+            frame.reach = static_cast<float>(range + p.apex_mm), frame.elevation = static_cast<float>(at[2]);
+            frame.unused[0] = frame.unused[1] = 0;
+            cells[i].strip = whole_within<int>(std::floor(line / kStripLines), -kFarStrip, kFarStrip);
+            cells[i].range = frame.range;
+        }
+    });
+    // strip by strip, and down each: what a strip adds to lies in the first cache
+    std::sort(cells.begin(), cells.end(), [](const Cell &a, const Cell &b) {
+        return a.strip != b.strip ? a.strip < b.strip : a.range != b.range ? a.range < b.range : a.slot < b.slot;
+    });
+    rank_.resize(counts.size());
+    for (std::size_t rank = 0; rank < cells.size(); ++rank) {
+        const auto slot = static_cast<std::size_t>(cells[rank].slot);
+        rank_[slot] = static_cast<std::int32_t>(rank);
+        frames.push_back(frame_of[cells[rank].found]), nodes.push_back(nodes_of[cells[rank].found]);
+        starts.push_back(starts.back() + counts[slot]);
+    }
+}
+
+void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride) const {
+    const auto parts = static_cast<std::size_t>(thread_count());  // each lays out its share of the cells
+    const float scale = 1 / amplitude_step;
+    std::vector<std::int32_t> next(starts);
+    parallel_for(parts, [&](std::size_t part) {
+        const auto first = static_cast<std::int32_t>(part * frames.size() / parts);
+        const auto last = static_cast<std::int32_t>((part + 1) * frames.size() / parts);
+        for (const Unit &unit : units_)
+            for (const Echo &echo : unit.echoes) {
+                const std::int32_t rank = rank_[static_cast<std::size_t>(echo.slot)];
+                if (rank < first || rank >= last) continue;
+                const auto at = static_cast<std::size_t>(next[static_cast<std::size_t>(rank)]++);
+                for (int a = 0; a < 3; ++a) place[static_cast<std::size_t>(a) * stride + at] = echo.place[a];
+                const float level = echo.amplitude * scale;
+                amplitude[at] = static_cast<std::int16_t>(level + (level < 0 ? -0.5f : 0.5f));
+            }
+    });
+    for (std::size_t at = size(); at < size() + kEchoSlack; ++at) {
+        for (std::size_t a = 0; a < 3; ++a) place[a * stride + at] = 0;
+        amplitude[at] = 0;
+    }
+}
+
+}  // namespace sono
