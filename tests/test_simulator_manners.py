@@ -14,10 +14,12 @@ from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import rate_limits
 from sonospline.server.client_messages import MessageError
-from sonospline.server.connection import MOST_ACTIONS, MOST_REFUSALS, Connection
+from sonospline.server.connection import MOST_REFUSALS, Connection
+from sonospline.server.live_session import MOST_ACTIONS
 from sonospline.server.outbox import Outbox
 from sonospline.server.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
 from sonospline.server.scene_catalog import SceneCatalog
+from sonospline.server.server_messages import ModelMessage
 
 
 @pytest.fixture(scope="module")
@@ -144,9 +146,9 @@ def test_a_client_that_does_not_read_is_hung_up_on():
         outbox = Outbox(4)
         connection = Connection(SceneCatalog(), outbox)
         for _ in range(4):
-            connection._tell({"type": "model", "model": "paper"})
+            connection._sender.say(ModelMessage(model="paper"))
         assert not connection.verdict.done()
-        connection._tell({"type": "model", "model": "paper"})
+        connection._sender.say(ModelMessage(model="paper"))
         assert connection.verdict.result().reason == "messages are not read"
         assert len(outbox.texts()) == 4
 
@@ -224,7 +226,7 @@ def test_commands_do_not_pile_up_behind_a_page_that_draws_nothing(running, page)
     page.frame(page.ask(depth=5.0))
     for _ in range(2):
         page.frame(draw=False)
-    runner = running.server.pool.connections[page.hello["session"]]._runner
+    runner = running.server.pool.connections[page.hello["session"]]._live._runner
     while runner.waiting < MOST_ACTIONS:
         page.send(type="undo_pass")
         time.sleep(1.1 / MOST_MESSAGES_S)
