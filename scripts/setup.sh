@@ -152,7 +152,8 @@ discard_half_installed() {
 # --- the page of the simulator
 
 fingerprint_of_page() {
-    { cat web/.npmrc web/*.json web/*.mjs web/*.ts web/*.html; find web/src -type f ! -name "*.gen.ts" | LC_ALL=C sort | tr '\n' '\0' | xargs -0 cat; } | cksum
+    { find web -maxdepth 1 -type f; find web/src -type f ! -name '*.gen.ts'; } |
+        LC_ALL=C sort | tr '\n' '\0' | xargs -0 cat | cksum
 }
 
 # A page that came with the sources is good where nothing could build another.

@@ -62,7 +62,7 @@ def toy_server(one_knob_more):
 def test_every_knob_says_all_there_is_to_know():
     knobs = described(Command)
     assert [f"{group}.{field}" for group, field, _, _ in knobs] == [
-        "needle.u", "needle.v", "needle.angle", "needle.swing", "needle.depth", "probe.slide", "probe.sweep",
+        "needle.depth", "needle.u", "needle.v", "needle.angle", "needle.swing", "probe.slide", "probe.sweep",
         "probe.rotate", "probe.fan", "image.gain", "image.depth", "image.frequency", "image.focus",
     ]  # fmt: skip
     for _, _, knob, _ in knobs:

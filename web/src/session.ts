@@ -292,7 +292,7 @@ export class Session {
   }
 
   private begin(scene: Scene): void {
-    // a server that kept the session says where it is; one that was started anew is told where the hand was
+    // a server that kept the session says where it is; to one that was started anew the page says where the hand was
     const again = this.kept && !this.resumed && this.scene?.id === scene.id ? this.command : null;
     const model = this.model;
     this.scene = scene;

@@ -34,7 +34,7 @@ class AccessMiddleware:
     guard : Guard
         The rules.
     requested : callable
-        Told the address of everybody who asked for something.
+        Called with the address of everybody who asked for something.
     """
 
     def __init__(self, app: Any, guard: Guard, requested: Callable[[Any], None]) -> None:

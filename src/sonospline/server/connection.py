@@ -28,7 +28,7 @@ POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
 
 class Verdict(NamedTuple):
-    """Why a client is hung up on: the closing code, and what it is told."""
+    """Why a client is hung up on: the closing code, and the reason it is given."""
 
     code: int
     reason: str

@@ -157,7 +157,7 @@ class Refused(ServerMessage, frozen=True, kw_only=True):
 
 
 class Notice(ServerMessage, frozen=True, kw_only=True):
-    """Something to be told to whoever sits there; after a fault the last picture stays."""
+    """For whoever sits there; after a fault the last picture stays."""
 
     level: Literal["caution", "fault"]
     message: str

@@ -16,7 +16,7 @@ class Worker:
     """Jobs in order, in one thread that does not keep the process from ending.
 
     Unlike an executor's thread it is a daemon: nobody can stop a job that reads a file or factors a matrix, and a
-    server that is told to end shall end all the same.
+    server that is asked to end shall end all the same.
 
     Examples
     --------
@@ -74,6 +74,6 @@ class Worker:
                 continue
             try:
                 future.set_result(job())
-            except BaseException as error:  # whoever waits for it is told
+            except BaseException as error:  # for whoever waits for it
                 future.set_exception(error)
             del item, future, job  # a session shall not live on in a thread that waits

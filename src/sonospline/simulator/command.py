@@ -11,6 +11,14 @@ from .knobs import Knob, Travel, always
 class NeedleCommand(Record, frozen=True, kw_only=True):
     """Where the needle should be: mm and degrees, seen from the skin (see :class:`SkinFrame`)."""
 
+    depth: Annotated[
+        float,
+        Knob(
+            name="Insertion depth", short="Push", help="Pull back, push", unit="mm", step=0.5, rate=10,
+            down="Pull back", up="Push", keys=("ArrowUp", "ArrowDown"), pad="triggers",
+        ),
+        Travel(lambda scene: (0.0, scene.spec.needle.length_mm)),
+    ]  # fmt: skip
     u: Annotated[
         float,
         Knob(
@@ -46,14 +54,6 @@ class NeedleCommand(Record, frozen=True, kw_only=True):
         ),
         Travel(always(-60.0, 60.0), lambda scene: scene.spec.needle.swing),
     ]  # fmt: skip
-    depth: Annotated[
-        float,
-        Knob(
-            name="Insertion depth", short="Push", help="Pull back, push", unit="mm", step=0.5, rate=10,
-            down="Pull back", up="Push", keys=("ArrowUp", "ArrowDown"), pad="triggers",
-        ),
-        Travel(lambda scene: (0.0, scene.spec.needle.length_mm)),
-    ]  # fmt: skip
 
 
 class ProbeCommand(Record, frozen=True, kw_only=True):
@@ -62,7 +62,7 @@ class ProbeCommand(Record, frozen=True, kw_only=True):
     slide: Annotated[
         float,
         Knob(
-            name="Slide", short="Slide", help="Slide along the image", unit="mm", step=0.5, rate=20, sense="left-right",
+            name="Slide", short="Slide", help="Slide along image", unit="mm", step=0.5, rate=20, sense="left-right",
             down="Slide left", up="Slide right", keys=("KeyA", "KeyD"), pad="left stick across",
         ),
         Travel(lambda scene: scene.along, lambda scene: scene.spec.probe.slide),
@@ -70,7 +70,7 @@ class ProbeCommand(Record, frozen=True, kw_only=True):
     sweep: Annotated[
         float,
         Knob(
-            name="Sweep", short="Sweep", help="Sweep across the image", unit="mm", step=0.5, rate=20, sense="near-far",
+            name="Sweep", short="Sweep", help="Sweep across", unit="mm", step=0.5, rate=20, sense="near-far",
             down="Sweep towards you", up="Sweep away", keys=("KeyS", "KeyW"), pad="left stick along",
         ),
         Travel(lambda scene: scene.across),
