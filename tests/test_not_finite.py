@@ -101,7 +101,8 @@ def test_a_step_from_a_state_that_holds_it_is_an_error_and_leaves_the_field():
     needle = ss.Needle((0, 0.5, 0.5), (0.5, 0.5, 0.5))
     insertion.advance(needle)
     good = insertion.field
-    insertion.state = replace(insertion.state, displacement=np.full_like(insertion.state.displacement, np.nan))
+    spoilt = replace(insertion.solution, displacement=np.full_like(insertion.solution.displacement, np.nan), error=0.1)
+    insertion.response = replace(insertion.response, state=replace(insertion.state, solution=spoilt))
     with pytest.raises(NotConvergedError, match="the last field is kept"):
         insertion.advance(needle)
     assert insertion.field is good

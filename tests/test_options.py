@@ -55,6 +55,12 @@ def numbers_of(verb):
 OPTIONS = [(verb, option) for verb in SMALL for option in numbers_of(verb)]
 
 
+@pytest.fixture(autouse=True)
+def an_environment_of_its_own(monkeypatch):
+    """``serve`` asks for one thread of BLAS; processes of later tests must not inherit that."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+
+
 class WorkError(BaseException):
     """The checks are over, and work would begin."""
 

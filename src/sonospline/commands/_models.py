@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from .. import _validate
 from ..geometry.tissue import Tissue
-from ..mechanics.loads import LineForce
+from ..mechanics.line_force import LineForce
 from ..mechanics.material import Material
 from ..mechanics.tissue_map import TissueMap
 from ..models.elastic import ElasticInsertion

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _cache, _validate
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
-from ..mechanics.loads import LineForce, Load
+from ..mechanics.line_force import LineForce
+from ..mechanics.loads import Load
 from ..mechanics.material import CellMaterial, Material
 from ..models.spline.faces import Progress
 from .model import FiniteElementModel

@@ -1,10 +1,11 @@
+from .line_force import LineForce as LineForce
 from .loads import AxialForce as AxialForce
-from .loads import LineForce as LineForce
+from .loads import LineLoad as LineLoad
 from .loads import Load as Load
-from .loads import ShaftDisplacement as ShaftDisplacement
 from .material import CellMaterial as CellMaterial
 from .material import Material as Material
 from .moduli import Moduli as Moduli
+from .shaft_displacement import ShaftDisplacement as ShaftDisplacement
 from .tissue_force import TissueForce as TissueForce
 from .tissue_map import TissueMap as TissueMap
 from .tissue_material import FLUID_SHEAR as FLUID_SHEAR

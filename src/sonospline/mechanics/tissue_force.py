@@ -5,25 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _validate
 from ..geometry.needle import Needle
-from .loads import AxialForce, LineForce
+from .loads import MILLI, AxialForce, LineLoad
 from .tissue_map import TissueMap
 
-Array = NDArray[np.float64]
-
-_MILLI = 1000.0
 _PIECES_PER_WIDTH = 4
 
 
 @dataclass(frozen=True, eq=False)
-class TissueForce(LineForce):
+class TissueForce(LineLoad):
     """Friction along the shaft and force at the tip, each of the tissue that is there.
 
-    The line force of :class:`~sonospline.mechanics.LineForce` with a friction that changes along
-    the axis; forces are in mN (lengths in mm, moduli in kPa).
+    A :class:`~sonospline.mechanics.LineLoad` with a friction that changes along the axis; forces
+    are in mN (lengths in mm, moduli in kPa).
 
     Parameters
     ----------
@@ -39,14 +35,12 @@ class TissueForce(LineForce):
     >>> from sonospline.models.elastic import scene
     >>> load = TissueForce(tissues=scene("layers", side=100))
     >>> needle = ss.Needle(entry=(0, 50, 50), tip=(60, 50, 50))
-    >>> round(load.total(needle), 6)      # 0.03 N/mm over 60 mm, and 0.7 N at the tip
+    >>> round(load.total_force(needle), 6)      # 0.03 N/mm over 60 mm, and 0.7 N at the tip
     2500.0
     """
 
-    friction: float = 0.0
-    tip_force: float = 0.0
+    tissues: TissueMap
     width: float = 5.0
-    tissues: TissueMap | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.tissues, TissueMap):
@@ -55,16 +49,10 @@ class TissueForce(LineForce):
 
     def along(self, needle: Needle) -> AxialForce:
         """Return the force along the axis of a needle: pieces of a quarter of the width, each in one tissue."""
-        assert self.tissues is not None
         pieces = max(1, int(np.ceil(needle.depth / self.width * _PIECES_PER_WIDTH)))
         places = np.linspace(0, needle.depth, pieces + 1)
         middles = needle.at((np.arange(pieces) + 0.5) / pieces)
         friction, cutting = self.tissues.resistance(np.vstack([middles, needle.tip]))
-        changes = np.diff(_MILLI * friction[:-1], prepend=0.0, append=0.0)
+        changes = np.diff(MILLI * friction[:-1], prepend=0.0, append=0.0)
         kept = changes != 0
-        return AxialForce(places[kept], changes[kept], float(_MILLI * cutting[-1]))
-
-    def total(self, needle: Needle) -> float:
-        """Return the whole force on the needle at a pose, in mN."""
-        force = self.along(needle)
-        return float((needle.depth - force.places) @ force.changes + force.tip)
+        return AxialForce(places[kept], changes[kept], float(MILLI * cutting[-1]))

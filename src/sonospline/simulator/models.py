@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..mechanics.loads import LineForce
+from ..mechanics.line_force import LineForce
 from ..mechanics.material import Material
 from ..models.elastic import ElasticInsertion
 from ..models.insertion import NeedleInsertion

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .. import _definite
 from ..geometry.needle import Needle
-from ..mechanics.loads import ShaftDisplacement
+from ..mechanics.shaft_displacement import ShaftDisplacement
 from ..models.elastic import ElasticSolver
 
 Array = NDArray[np.float64]

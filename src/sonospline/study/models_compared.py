@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
-from ..mechanics.loads import LineForce, ShaftDisplacement
+from ..mechanics.line_force import LineForce
 from ..mechanics.material import Material
+from ..mechanics.shaft_displacement import ShaftDisplacement
 from ..models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
 from ..models.elastic.labelled_cubes import TISSUES
 from ..models.insertion import NeedleInsertion

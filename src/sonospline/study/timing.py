@@ -21,7 +21,7 @@ from ..fem import FiniteElementModel
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
-from ..mechanics.loads import LineForce
+from ..mechanics.line_force import LineForce
 from ..models.elastic import ElasticInsertion, scene
 from ..models.insertion import NeedleInsertion
 from ..models.kelvinlet import KelvinletInsertion

@@ -9,7 +9,7 @@ from ... import _core
 from ..._core.hexahedra import weigh_along
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
-from ...mechanics.loads import LineForce, Load
+from ...mechanics.loads import LineLoad, Load
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -20,7 +20,7 @@ def nodal_load(load: Load, needle: Needle, grid: Grid) -> Single:
 
     They are the integrals of the force per volume times the hat functions, by Numerov's weights.
     """
-    if isinstance(load, LineForce):
+    if isinstance(load, LineLoad):
         return _line_load(load, needle, grid)
     local = load.body_force(grid.points, needle) @ grid.direction
     forces = np.moveaxis(local.reshape(*grid.shape, 3), -1, 0)
@@ -29,7 +29,7 @@ def nodal_load(load: Load, needle: Needle, grid: Grid) -> Single:
     return np.ascontiguousarray(forces, np.float32)
 
 
-def _line_load(load: LineForce, needle: Needle, grid: Grid) -> Single:
+def _line_load(load: LineLoad, needle: Needle, grid: Grid) -> Single:
     """A line force is the same Gaussian around every point of its axis: only the axis is asked."""
     force = load.along(needle)
     return _core.active.line_load(

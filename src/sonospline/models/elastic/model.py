@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import _validate
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
-from ...mechanics.loads import LineForce, Load
+from ...mechanics.line_force import LineForce
+from ...mechanics.loads import MILLI, Load
 from ...mechanics.material import Material
 from ...mechanics.tissue_force import TissueForce
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
 from ..option import Option
 from ..registry import ModelSpec
-from .load_vector import nodal_load
-from .solver import ElasticSolver, ElasticState
+from .solver import BUDGET, SETTLED, TOLERANCE, ElasticSolver
+from .state import ElasticState
 
 Single = NDArray[np.float32]
 
-SETTLED = 5e-4
-"""Error estimate at which tissue has come to rest."""
-_NEWTONS = 1e-3
-"""In a kPa times a square millimetre."""
 _WIDTH = LineForce().width
 """Of a needle's load, in sides of the tissue."""
 
@@ -40,6 +39,11 @@ class ElasticTissueState(State):
 class ElasticModel(TissueModel):
     """Linear elastic tissue under the friction and the tip force of needles, in mm, kPa and N.
 
+    A step iterates until the error estimate is at most ``tolerance`` or ``budget`` iterations are
+    done, so that a field depends little on the steps that led to it; each field says how little.
+    Tissue that is left alone comes to rest: further steps at the same pose go on to an error of
+    5e-4 and then change nothing.
+
     Parameters
     ----------
     tissue : Tissue
@@ -52,6 +56,26 @@ class ElasticModel(TissueModel):
         Nodes of the solver's grid, about.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
+    tolerance : float, default: 0.02
+        Error estimate, relative to the field, at which a step ends.
+    budget : int, default: 12
+        Iterations of a step, at most.
+
+    Raises
+    ------
+    ValueError
+        As :class:`ElasticSolver`, or a tolerance or budget out of range.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> from sonospline.models.elastic import ElasticModel, scene
+    >>> tissue = ss.Tissue(ss.Grid(shape=(25, 25, 25), spacing=100 / 24))
+    >>> model = ElasticModel(tissue, scene("layers", side=100, stiffness_kpa=10), nodes=13**3)
+    >>> needles = {"biopsy": ss.Needle((0, 40, 50), (60, 40, 50)), "probe": ss.Needle((0, 70, 50), (30, 70, 50))}
+    >>> response = model.step(model.rest, needles)
+    >>> round(response.forces["biopsy"].axial_n, 1), round(response.forces["probe"].axial_n, 1)
+    (2.4, 1.5)
     """
 
     name = "elastic"
@@ -65,10 +89,14 @@ class ElasticModel(TissueModel):
         *,
         nodes: int = 25**3,
         integration: str = "mean_dilatation",
+        tolerance: float = TOLERANCE,
+        budget: int = BUDGET,
     ) -> None:
         super().__init__(tissue)
         self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration)
         self.load = default_load(tissue, material) if load is None else load
+        self.tolerance = _validate.number("tolerance", tolerance, positive=True)
+        self.budget = _validate.count("budget", budget)
 
     @property
     def rest(self) -> ElasticTissueState:
@@ -76,24 +104,45 @@ class ElasticModel(TissueModel):
         return ElasticTissueState(self.identity, solution=self.solver.rest)
 
     def _options(self) -> tuple[Any, ...]:
-        return self.solver.material, self.solver.grid, self.solver.integration, self.load
+        solver = self.solver
+        return solver.material, solver.grid, solver.integration, self.load, self.tolerance, self.budget
 
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
         assert isinstance(state, ElasticTissueState)
-        loads = {name: nodal_load(self.load, needle, self.solver.grid) for name, needle in needles.items()}
+        loads = {name: self.solver.nodal_load(self.load, needle) for name, needle in needles.items()}
         total = sum(loads.values(), start=np.zeros_like(self.solver.rest.load))
-        solution = self.solver.advance(state.solution, total) if needles else self.solver.rest
+        solution = self.solver.advance(state.solution, total, tolerance=self.tolerance, budget=self.budget)
+        forces = {name: self._force(loads[name], needle) for name, needle in needles.items()}
+        return self._response(ElasticTissueState(self.identity, tuple(needles.items()), solution=solution), forces)
+
+    def settle(self, response: Response, *, tolerance: float = 5e-3) -> Response:
+        """Return a response of the same pose whose error estimate is at most ``tolerance``.
+
+        Raises
+        ------
+        ValueError
+            A response of another model, or a tolerance below 1e-6.
+        NotConvergedError
+            It does not get there.
+        """
+        state = response.state
+        self._check_state(state)
+        assert isinstance(state, ElasticTissueState)
+        solution = self.solver.settle(state.solution, tolerance=tolerance)
+        return self._response(replace(state, solution=solution), response.forces)
+
+    def _response(self, state: ElasticTissueState, forces: Mapping[str, NeedleForce]) -> Response:
         return Response(
-            state=ElasticTissueState(self.identity, tuple(needles.items()), solution=solution),
-            field=self.solver.field(solution),
-            forces={name: self._force(loads[name], needle) for name, needle in needles.items()},
-            error_estimate=solution.error,
-            settled=solution.error <= SETTLED,
+            state=state,
+            field=self.solver.field(state.solution),
+            forces=forces,
+            error_estimate=state.solution.error,
+            settled=state.solution.measured and state.solution.error <= SETTLED,
         )
 
     def _force(self, load: Single, needle: Needle) -> NeedleForce:
         total = self.solver.grid.direction @ load.sum(axis=(1, 2, 3), dtype=np.float64)
-        return NeedleForce.along(needle.direction, _NEWTONS * total)
+        return NeedleForce.along(needle.direction, total / MILLI)
 
 
 def default_load(tissue: Tissue, material: Material | TissueMap) -> Load:
@@ -107,11 +156,13 @@ def default_load(tissue: Tissue, material: Material | TissueMap) -> Load:
     return LineForce.for_cube(tissue.grid.side, material.youngs_modulus)
 
 
-def _make(tissue: Tissue, materials: Material | TissueMap, *, solver_nodes: int) -> ElasticModel:
+def _make(
+    tissue: Tissue, materials: Material | TissueMap, *, solver_nodes: int, tolerance: float, budget: int
+) -> ElasticModel:
     load = None
     if isinstance(materials, Material):
         load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=_WIDTH * tissue.grid.side)
-    return ElasticModel(tissue, materials, load, nodes=solver_nodes)
+    return ElasticModel(tissue, materials, load, nodes=solver_nodes, tolerance=tolerance, budget=budget)
 
 
 SPEC = ModelSpec(
@@ -121,7 +172,9 @@ SPEC = ModelSpec(
     maker=_make,
     options=(
         Option(name="solver_nodes", kind="whole", default=25**3, low=8, high=10**10, help="solver grid, about"),
+        Option(name="tolerance", default=TOLERANCE, low=1e-5, high=1, help="error at which a step ends, of the field"),
+        Option(name="budget", kind="whole", default=BUDGET, low=1, high=200, help="most iterations of a step"),
     ),
     capabilities=ElasticModel.capabilities,
     properties=("stiffness_kpa", "poissons_ratio"),
-)  # fmt: skip
+)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,16 @@ from ...fields.grid_field import GridField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
-from ...mechanics.loads import Load, ShaftDisplacement
+from ...mechanics.loads import Load
 from ...mechanics.material import Material
 from ...mechanics.moduli import Moduli
+from ...mechanics.shaft_displacement import ShaftDisplacement
 from ...mechanics.tissue_map import TissueMap
-from .._value import ByValue
+from .error_safety import UNIFORM, error_safety
 from .hierarchy import coarse_inverse, levels, pinned_faces
 from .load_vector import nodal_load
 from .solver_grid import solver_grid
+from .state import ElasticState, NotConvergedError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -30,10 +33,17 @@ FIRST_ITERATIONS = 3
 """On the first step, and after a jump."""
 JUMP = 0.25
 """A step that finds the last field this wrong, relatively, has jumped."""
-SAFETY = 1.4
-"""Published error over the estimate: that is 0.41 to 1.28 times the error, over scenes, insertions and steps."""
+TOLERANCE = 0.03
+"""Error estimate at which a step ends, by default."""
+BUDGET = 12
+"""Iterations of a step, at most, by default."""
+SETTLED = 5e-4
+"""Error estimate at which tissue has come to rest."""
 
 _ESTIMATE_EVERY = 8
+_AT_A_TIME = 3
+_HARD, _SLOWEST = 2.5, 0.6
+"""Beside bone, where the safety is beyond the first, contraction varies from step to step and is seldom worse."""
 _FINEST = 1e-6
 _MOST_ITERATIONS = 200
 _RESTART = 12
@@ -41,35 +51,6 @@ _RESTART = 12
 _DEGREE, _HIGH_DEGREE = 3, 5
 _HIGH_RATIO = 0.47
 _BYTES_A_NODE = 300
-
-
-class NotConvergedError(RuntimeError):
-    """A step did not converge; the state it started from is still in force."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ElasticState(ByValue):
-    """Where the tissue is between two steps. Made by :class:`ElasticSolver`, never changed.
-
-    A step returns a new one, so that a step that fails leaves the old one as it was.
-    """
-
-    displacement: Single
-    """(3, nx, ny, nz) on the solver's grid, along its axes."""
-    load: Single
-    """(3, nx, ny, nz) nodal forces it answers to."""
-    error: float = 0.0
-    """Estimated error of the displacement, relative to itself."""
-    iterations: int = 0
-    """Iterations the last step took."""
-    steps: int = 0
-    """Steps since the needle was out."""
-    contraction: float = 1.0
-    """Error after over error before an iteration, where it was last measured."""
-
-    def __repr__(self) -> str:
-        shape = " x ".join(map(str, self.displacement.shape[1:]))
-        return f"ElasticState({shape} nodes, {self.steps} steps, error={self.error:.2g})"
 
 
 class ElasticSolver:
@@ -146,9 +127,12 @@ class ElasticSolver:
         self.__dict__.update(state)
         self._multigrid = self._make_multigrid()
 
-    def step(
-        self, state: ElasticState, load: Load, needle: Needle, *, iterations: int | None = None, estimate: bool = False
-    ) -> ElasticState:
+    @cached_property
+    def safety(self) -> float:
+        """Published error over the estimate of the multigrid cycle."""
+        return UNIFORM if isinstance(self.material, Material) else error_safety(self._multigrid, self._pinned)
+
+    def step(self, state: ElasticState, load: Load, needle: Needle, *, iterations: int | None = None) -> ElasticState:
         """Return the state after one step of a load.
 
         Parameters
@@ -160,12 +144,7 @@ class ElasticSolver:
         needle : Needle
             Entry and tip, both inside the tissue.
         iterations : int, optional
-            By default one; three on the first step and where the last field proves to be
-            off by a quarter, as after a sudden withdrawal.
-        estimate : bool, default: False
-            Measure the error of the new field, which costs as much as the iteration. It is
-            measured on the second and every eighth step and after jumps anyway; in between it follows from
-            the error before the iteration, which is free, and the contraction last measured.
+            So many; by default as :meth:`advance`.
 
         Raises
         ------
@@ -174,17 +153,61 @@ class ElasticSolver:
         NotConvergedError
             The iteration broke down; ``state`` is still good.
         """
+        forces = self.nodal_load(load, needle)
+        if iterations is None:
+            return self.advance(state, forces)
+        return self._iterate(state, forces, _validate.count("iterations", iterations))
+
+    def nodal_load(self, load: Load, needle: Needle) -> Single:
+        """Return the forces (3, nx, ny, nz) of a load on the nodes of :attr:`grid`, along its axes.
+
+        Raises
+        ------
+        ValueError
+            A load that is no force, or a needle outside the tissue.
+        """
         if not isinstance(load, Load) or isinstance(load, ShaftDisplacement):
             raise ValueError(f"load = {load!r} is not a force; give a LineForce (or a FiniteElementModel this load)")
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
-        forces = nodal_load(load, needle, self.grid)
-        if iterations is None:
-            return self._stepped(state, forces, estimate)
-        return self._iterate(state, forces, _validate.count("iterations", iterations), estimate=True)
+        return nodal_load(load, needle, self.grid)
 
-    def advance(self, state: ElasticState, forces: Single) -> ElasticState:
-        """Return the state after one step under given forces on the nodes."""
-        return self._stepped(state, forces, estimate=False)
+    def advance(
+        self, state: ElasticState, forces: Single, *, tolerance: float = TOLERANCE, budget: int = BUDGET
+    ) -> ElasticState:
+        """Return the state after one step under forces on the nodes of :attr:`grid`.
+
+        One iteration, three on the first step and after a jump, and more of them until the error
+        estimate is at most ``tolerance`` or ``budget`` iterations are done. The estimate costs as
+        much as an iteration: it is measured where it decides, on the second and on every eighth
+        step; in between it follows from the error before the iteration, which is free, and the
+        contraction last measured. Under the same forces the tissue goes on to rest, and stays there.
+        """
+        if not forces.any():
+            return self.rest
+        if state.measured and state.error <= SETTLED and np.array_equal(forces, state.load):
+            return state
+        found = self._first(state, forces, budget)
+        while found.iterations < budget and found.error > (tolerance if found.measured else tolerance / 2):
+            found = self._further(found, forces, min(_wanted(found, tolerance), budget - found.iterations))
+        return found
+
+    def _first(self, state: ElasticState, forces: Single, budget: int) -> ElasticState:
+        """The iterations that every step takes."""
+        if state.steps == 0:
+            return self._iterate(state, forces, min(FIRST_ITERATIONS, budget))
+        same = np.array_equal(forces, state.load)
+        due = same or state.steps == 1 or state.steps % _ESTIMATE_EVERY == 0
+        found, before = self._once(state, forces, 1, due)
+        if before > JUMP and budget > 1:
+            return self._further(found, forces, min(FIRST_ITERATIONS, budget) - 1)
+        return found
+
+    def _further(self, found: ElasticState, forces: Single, iterations: int) -> ElasticState:
+        """More iterations in the same step."""
+        more = self._iterate(found, forces, iterations)
+        # The next step begins with one iteration: its contraction is that of a first one.
+        contraction = more.contraction if found.steps == 1 else found.contraction
+        return replace(more, iterations=found.iterations + iterations, steps=found.steps, contraction=contraction)
 
     def solve(self, load: Load, needle: Needle, *, tolerance: float = 1e-4) -> ElasticState:
         """Return the converged state of a load, from rest: the error estimate is at most ``tolerance``.
@@ -196,7 +219,7 @@ class ElasticSolver:
         NotConvergedError
             It is still above after 200 iterations.
         """
-        return self._converged(self.step(self.rest, load, needle, iterations=FIRST_ITERATIONS), tolerance)
+        return self.settle(self.step(self.rest, load, needle, iterations=FIRST_ITERATIONS), tolerance=tolerance)
 
     def equilibrium(self, forces: Array | Single, *, tolerance: float = 1e-4) -> ElasticState:
         """Return the converged state under given forces on the nodes of :attr:`grid`, as :meth:`solve` does of a load.
@@ -219,21 +242,28 @@ class ElasticSolver:
         if np.shape(forces) != wanted or not np.isfinite(forces).all():
             raise ValueError(f"forces has shape {np.shape(forces)}; give finite ones of shape {wanted}")
         single = np.ascontiguousarray(forces, np.float32)
-        return self._converged(self._iterate(self.rest, single, FIRST_ITERATIONS, estimate=True), tolerance)
+        return self.settle(self._iterate(self.rest, single, FIRST_ITERATIONS), tolerance=tolerance)
 
-    def _converged(self, state: ElasticState, tolerance: float) -> ElasticState:
+    def settle(self, state: ElasticState, *, tolerance: float = 1e-4) -> ElasticState:
+        """Return a state iterated under its own load until the error estimate is at most ``tolerance``.
+
+        Raises
+        ------
+        ValueError, NotConvergedError
+            As :meth:`solve`.
+        """
         tolerance = _validate.number("tolerance", tolerance, positive=True)
         if tolerance < _FINEST:
             raise ValueError(f"tolerance = {tolerance:g} is below what float32 resolves; give at least {_FINEST:g}")
         forces, taken = state.load, state.iterations
-        while state.error > tolerance:
+        while state.error > tolerance or not state.measured:
             if taken >= _MOST_ITERATIONS:
                 raise NotConvergedError(
                     f"the error estimate is {state.error:.1e} after {taken} iterations, above tolerance = "
                     f"{tolerance:g}; allow a larger one, or use a lower contrast or Poisson's ratio"
                 )
             # One direction more at a time near the goal, more of them while it is far.
-            state = self._iterate(state, forces, min(_RESTART, max(2, taken // 2)), estimate=True)
+            state = self._iterate(state, forces, min(_RESTART, max(2, taken // 2)))
             taken += state.iterations
         return replace(state, iterations=taken)
 
@@ -252,22 +282,11 @@ class ElasticSolver:
         missing = self._multigrid.product(state.displacement) - state.load
         return self.grid.direction @ missing[:, self._pinned].sum(axis=1, dtype=np.float64)
 
-    def _stepped(self, state: ElasticState, forces: Single, estimate: bool) -> ElasticState:
-        if state.steps == 0:
-            return self._iterate(state, forces, FIRST_ITERATIONS, estimate=True)
-        due = estimate or state.steps == 1 or state.steps % _ESTIMATE_EVERY == 0
-        found, before = self._once(state, forces, 1, due)
-        if before > JUMP:
-            return self._iterate(found, forces, FIRST_ITERATIONS - 1, estimate=True, already=1)
-        return found
-
-    def _iterate(
-        self, state: ElasticState, forces: Single, iterations: int, *, estimate: bool, already: int = 0
-    ) -> ElasticState:
-        found, _ = self._once(state, forces, iterations, estimate)
-        return replace(found, iterations=iterations + already, steps=state.steps + (not already))
+    def _iterate(self, state: ElasticState, forces: Single, iterations: int) -> ElasticState:
+        return self._once(state, forces, iterations, estimate=True)[0]
 
     def _once(self, state: ElasticState, forces: Single, iterations: int, estimate: bool) -> tuple[ElasticState, float]:
+        """The state some iterations on, and the error before them."""
         if not forces.any():
             return self.rest, 0.0
         displacement, errors, sound = self._multigrid.iterate(forces, state.displacement, iterations, estimate)
@@ -278,8 +297,9 @@ class ElasticSolver:
             )
         displacement.setflags(write=False)
         contraction = errors[-1] / errors[-2] if estimate and errors[-2] > 0 else state.contraction
-        error = SAFETY * (errors[-1] if estimate else errors[-1] * contraction)
-        return ElasticState(displacement, forces, error, iterations, state.steps + 1, contraction), errors[0]
+        expected = max(contraction, _SLOWEST) if self.safety > _HARD else contraction
+        error = self.safety * (errors[-1] if estimate else errors[-1] * expected)
+        return ElasticState(displacement, forces, error, estimate, iterations, state.steps + 1, contraction), errors[0]
 
     def _moduli(self) -> Moduli:
         if isinstance(self.material, Material):
@@ -298,3 +318,9 @@ class ElasticSolver:
             _HIGH_DEGREE if self.moduli.largest_ratio > _HIGH_RATIO else _DEGREE,
             coarse_inverse(grids[-1], self.tissue, full),
         )
+
+
+def _wanted(state: ElasticState, tolerance: float) -> int:
+    """Iterations that should bring an error to a tolerance; few, as the rate may be better than the one last seen."""
+    rate = min(max(state.contraction, 0.05), 0.9)
+    return min(max(1, int(np.ceil(np.log(state.error / tolerance) / np.log(1 / rate)))), _AT_A_TIME)
