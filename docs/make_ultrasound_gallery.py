@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 
 import sonospline as ss
+from sonospline.fields import NodeSlice, PlaneSlice
 from sonospline.geometry import ImagePlane, facing
 from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
 from sonospline.ultrasound import (
     Display,
     Frame,
-    NodeSlice,
     Phantom,
-    PlaneSlice,
     Probe,
     Reslicer,
     Scanner,

@@ -3,8 +3,8 @@
 import numpy as np
 
 import sonospline as ss
+from sonospline.fields import ImageWarp
 from sonospline.geometry.layered_block import default_needle, layered_block
-from sonospline.io.transforms import ImageWarp
 
 volume = layered_block(seed=0)
 path = default_needle()

@@ -214,8 +214,8 @@ def test_bad_points_are_refused_by_name(request, maker, method):
     function = getattr(request.getfixturevalue(maker), method)
     with pytest.raises(ValueError, match=r"points contains NaN or infinity.*nan.*give finite"):
         function([[0.1, 0.2, 0.3], [0.1, np.nan, 0.3]])
-    with pytest.raises(ValueError, match=r"points has shape \(3,\); give an \(m, 3\) array"):
-        function([0.1, 0.2, 0.3])
+    with pytest.raises(ValueError, match=r"points has shape \(2,\); give an \(m, 3\) array"):
+        function([0.1, 0.2])
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.fields import ImageWarp
 from sonospline.geometry.volume import Volume
-from sonospline.io.transforms import ImageWarp
 from sonospline.io.volumes import RAS_TO_LPS, read_volume, to_sitk, write_volume
 from sonospline.io.vtk import write_vti
 
@@ -84,7 +84,7 @@ def test_the_image_is_warped_backward_through_the_inverse_map(smooth_volume, fie
 
 def test_the_written_transform_warps_as_resample_does(smooth_volume, field_in, tmp_path):
     warp = ImageWarp.of(field_in(smooth_volume))
-    warp.write(tmp_path / "displacement.h5")
+    warp.save(tmp_path / "displacement.h5")
     image = to_sitk(smooth_volume)
     resampled = sitk.Resample(image, image, sitk.ReadTransform(str(tmp_path / "displacement.h5")), sitk.sitkLinear)
     ours = warp.apply(smooth_volume).voxels[3:-3, 3:-3, 3:-3]

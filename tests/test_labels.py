@@ -270,7 +270,7 @@ def organs(shape=(30, 28, 26)):
 
 
 def test_a_warped_label_map_holds_no_label_that_was_not_there():
-    from sonospline.io.transforms import ImageWarp
+    from sonospline.fields import ImageWarp
 
     labels = LabelMap(voxels=organs(), spacing=(2.0, 2.0, 2.0))
     grid = labels.grid(4000)

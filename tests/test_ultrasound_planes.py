@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.fields import NodeSlice, PlaneSlice
 from sonospline.geometry import ImagePlane, facing, rigid, to_image, to_reference
-from sonospline.ultrasound import NodeSlice, Phantom, PlaneSlice, Probe, Scanner
+from sonospline.ultrasound import Phantom, Probe, Scanner
 
 POSE = facing((10, 20, 30), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
 

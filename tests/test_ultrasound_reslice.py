@@ -44,7 +44,7 @@ def test_an_undeformed_cut_is_linear_interpolation(backend, block, block_plane):
 
 def test_a_cut_agrees_with_itk_through_the_exported_transform(block, block_field, block_plane):
     sitk = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
-    from sonospline.io.transforms import ImageWarp
+    from sonospline.fields import ImageWarp
     from sonospline.io.volumes import RAS_TO_LPS, to_sitk
 
     # Linear between nodes is not its own inverse's: on a finer lattice the two agree.

@@ -18,7 +18,20 @@ pytest.importorskip("matplotlib", reason="needs the extra 'plot'")
 
 KINDS = (
     *("v.nii", "v.nii.gz", "v.nrrd", "v.nhdr", "v.mha", "v.mhd", "frame.png", "frame.mha"),
-    *("u.h5", "u.vti", "figure.png", "cine.igs.mha", "cine.gif", "table.csv", "summary.json"),
+    *(
+        "u.h5",
+        "u.tfm",
+        "u.nrrd",
+        "u.mha",
+        "u.vti",
+        "u.npz",
+        "warp.h5",
+        "figure.png",
+        "cine.igs.mha",
+        "cine.gif",
+        "table.csv",
+        "summary.json",
+    ),
 )
 
 WRITERS = '''
@@ -29,9 +42,8 @@ import numpy as np
 import sonospline as ss
 from sonospline.io.canvas import picture
 from sonospline.fields.grid_field import GridField
-from sonospline.io.transforms import ImageWarp
+from sonospline.fields import ImageWarp
 from sonospline.io.volumes import write_volume
-from sonospline.io.vtk import write_vti
 from sonospline.io.writing import write_json
 from sonospline.ultrasound.acoustics import TISSUES, write_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
@@ -57,8 +69,8 @@ def figure(path):
 volumes = ("v.nii", "v.nii.gz", "v.nrrd", "v.nhdr", "v.mha", "v.mhd")
 write = {
     **{name: lambda path: write_volume(volume, path) for name in volumes},
-    "frame.png": frame.write, "frame.mha": frame.write, "u.h5": warp.write, "figure.png": figure,
-    "u.vti": lambda path: write_vti(path, tissue.grid, {"u": np.asarray(field.on_grid("direct"))}),
+    "frame.png": frame.save, "frame.mha": frame.save, "warp.h5": warp.save, "figure.png": figure,
+    **{name: field.save for name in ("u.h5", "u.tfm", "u.nrrd", "u.mha", "u.vti", "u.npz")},
     "cine.igs.mha": lambda path: write_sequence([frame] * 3, path),
     "cine.gif": lambda path: write_gif([frame] * 3, path),
     "table.csv": lambda path: write_table(path, enumerate(TISSUES.values())),
@@ -152,10 +164,10 @@ def test_an_image_with_its_data_in_another_file_names_it(tmp_path):
 
 
 def test_the_transform_is_the_one_itk_itself_would_write(a_deformed_field, tmp_path):
-    from sonospline.io.transforms import ImageWarp
+    from sonospline.fields import ImageWarp
 
     warp = ImageWarp.of(a_deformed_field)
-    warp.write(tmp_path / "ours.h5")
+    warp.save(tmp_path / "ours.h5")
     sitk.WriteTransform(warp.to_sitk(), str(tmp_path / "itk.h5"))
     ours, theirs = (sitk.ReadTransform(str(tmp_path / name)) for name in ("ours.h5", "itk.h5"))
     assert ours.GetName() == theirs.GetName()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from reprlib import Repr
 from typing import Any
 
@@ -18,7 +19,7 @@ def shown(value: Any) -> str:
     >>> shown([1, "two"]), shown(10**400)
     ("[1, 'two']", '(a whole number of 401 digits)')
     """
-    text = _texts.repr(value)
+    text = " ".join(_texts.repr(value).split())
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
@@ -27,6 +28,29 @@ def figure(value: float) -> str:
     if isinstance(value, int):
         return shown(value)
     return short if float(short := f"{value:g}") == value else repr(float(value))
+
+
+def size(shape: Iterable[int]) -> str:
+    """Return the shape of an array as people read it.
+
+    Examples
+    --------
+    >>> from sonospline._shown import lengths, size
+    >>> size((64, 64, 40)), lengths((2, 2, 2)), lengths((0.5, 0.5, 1))
+    ('64 x 64 x 40', '2.0 mm', '0.5 x 0.5 x 1.0 mm')
+    """
+    return " x ".join(map(str, shape))
+
+
+def lengths(values: Iterable[float]) -> str:
+    """Return distances along the axes, mm: one where they are the same to four figures."""
+    texts = [str(float(f"{value:.4g}")) for value in values]
+    return f"{texts[0] if len(set(texts)) == 1 else ' x '.join(texts)} mm"
+
+
+def place(point: Iterable[float]) -> str:
+    """Return coordinates to five figures, in one short bracket."""
+    return "(" + ", ".join(f"{value:.5g}" for value in point) + ")"
 
 
 def inside(low: float, high: float, *, slack: float = 0.0) -> tuple[str, str]:

@@ -16,7 +16,7 @@ def vector(name: str, value: ArrayLike) -> Array:
     """Return three finite numbers as a read-only array of their own."""
     array = _floats(name, value).copy()
     if array.shape != (3,):
-        raise ValueError(f"{name} = {value!r} has shape {array.shape}; give three numbers x, y, z")
+        raise ValueError(f"{name} = {shown(value)} has shape {array.shape}; give three numbers x, y, z")
     array.setflags(write=False)
     return _finite(name, array)
 
@@ -27,6 +27,18 @@ def points(name: str, value: ArrayLike) -> Array:
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{name} has shape {array.shape}; give an (m, 3) array of x, y, z rows")
     return _finite(name, array)
+
+
+def rows(name: str, value: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Return finite points as a C-ordered (m, 3) array, and the shape of their answers.
+
+    One point has answers of shape (), m points of shape (m,), and points in any other array
+    (..., 3) answers of its leading shape.
+    """
+    array = _floats(name, value)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"{name} has shape {array.shape}; give an (m, 3) array of x, y, z rows, or one point")
+    return _finite(name, array).reshape(-1, 3), array.shape[:-1]
 
 
 def number(name: str, value: float, *, positive: bool = False) -> float:
@@ -69,7 +81,7 @@ def choice(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` where it is one of ``allowed``."""
     options = tuple(allowed)
     if value not in options:
-        raise ValueError(f"{name} = {value!r} is not known; choose one of {', '.join(options)}")
+        raise ValueError(f"{name} = {shown(value)} is not known; choose one of {', '.join(options)}")
     return value
 
 

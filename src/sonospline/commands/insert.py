@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .. import _core
 from ..fields.field import Field
 from ..fields.grid_field import GridField
+from ..fields.image_warp import ImageWarp
 from ..geometry.label_map import LabelMap, looks_like_labels
 from ..geometry.layered_block import default_needle, layered_block
 from ..geometry.needle import Needle
@@ -25,7 +26,6 @@ from ..geometry.volume import Volume
 from ..io.canvas import attempt
 from ..io.insertion_figure import draw_insertion
 from ..io.staging import staged_folder
-from ..io.transforms import ImageWarp
 from ..io.volumes import RAS_TO_LPS, read_volume, suffix_of, write_volume
 from ..io.vtk import write_vti
 from ..io.writing import write_json
@@ -225,7 +225,7 @@ def _write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argp
     deformed = {name: warp.apply(image) for name, image in images.items()}
     for name, image in deformed.items():
         write_volume(image, folder / name)
-    warp.write(folder / "displacement.h5")
+    warp.save(folder / "displacement.h5")
     write_vti(folder / "displacement.vti", grid, {"displacement": displacement, "det_jacobian": det})
     moved = Volume(
         voxels=np.linalg.norm(warp.displacement, axis=-1),

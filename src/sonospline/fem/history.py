@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _cache, _validate
+from .._digest import digest
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..mechanics.line_force import LineForce
@@ -119,7 +120,7 @@ def history_of(
 def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load) -> str:
     grid = model.tissue.grid
     lattice = (grid.shape, grid.spacing, grid.origin.tolist(), grid.direction.tolist(), model.tissue.entry_face)
-    physics = (needle.entry.tolist(), needle.tip.tolist(), steps, load, model.material)
+    physics = (needle.entry.tolist(), needle.tip.tolist(), steps, digest(load, model.material))
     return _cache.digest(*lattice, *physics, model.element, model.integration, model.engine)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core, _memory, _validate
 from .._core import cubic_axis
+from .._shown import size
 from ..geometry.grid import Grid
 from .field import Field, InverseReport, Method
 
@@ -21,7 +22,7 @@ _FEW = 4
 """Points that cost less one by one than the coefficients of the whole lattice."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GridField(Field):
     """A field of values at nodes, linear or cubic between them.
 
@@ -80,25 +81,27 @@ class GridField(Field):
         return cls(field.grid, field.on_grid(method), order=order, error_estimate=field.error_estimate)
 
     def displacement(self, points: ArrayLike) -> Array:
-        """Return u (m, 3) at world points (m, 3)."""
-        local = self._nodes.local(_validate.points("points", points))
+        """Return u (m, 3) at world points (m, 3); (3,) at one point."""
+        x, shape = _validate.rows("points", points)
+        local = self._nodes.local(x)
         few = self.order == 3 and 0 < len(local) <= _FEW and "_sampled" not in self.__dict__
-        return (self._one_by_one(local) if few else self._at(local)) @ self._nodes.direction.T
+        along = self._one_by_one(local) if few else self._at(local)
+        return (along @ self._nodes.direction.T).reshape(*shape, 3)
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Return the Jacobian (m, 3, 3) of the forward map.
+        """Return the Jacobian (m, 3, 3) of the forward map; (3, 3) at one point.
 
         Of a cubic field it is exact; of a linear one it is taken from differences over one
         spacing.
         """
-        local = self._nodes.local(_validate.points("points", points))
-        axes = self._nodes.direction
+        x, shape = _validate.rows("points", points)
+        local, axes = self._nodes.local(x), self._nodes.direction
         if self.order == 3:
             slopes = _core.active.gradient_lattice(self._sampled, self._nodes.spacing, local)
-            return np.eye(3) + axes @ slopes @ axes.T
+            return (np.eye(3) + axes @ slopes @ axes.T).reshape(*shape, 3, 3)
         steps = np.diag(self._nodes.spacing)
         differences = [(self._at(local + h / 2) - self._at(local - h / 2)) / h.sum() for h in steps]
-        return np.eye(3) + axes @ np.stack(differences, axis=-1) @ axes.T
+        return (np.eye(3) + axes @ np.stack(differences, axis=-1) @ axes.T).reshape(*shape, 3, 3)
 
     def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3); the values themselves where they are there."""
@@ -122,6 +125,11 @@ class GridField(Field):
         where = self._nodes.world(np.random.default_rng(seed).random((points, 3)) * self._nodes.extent)
         error = np.linalg.norm(self.displacement(where) - exact.displacement(where), axis=1)
         return float(error.max()), float(np.sqrt((error**2).mean()))
+
+    def _facts(self) -> list[str]:
+        between = {1: "linear", 3: "cubic"}[self.order]
+        values = "" if self._nodes is self.grid else f" from {size(self._nodes.shape)} nodes"
+        return [*super()._facts(), between + values]
 
     @property
     def length(self) -> float:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _memory, _validate
+from .._by_value import ByValue
+from .._shown import lengths, place, shown, size
 
 Array = NDArray[np.float64]
 
@@ -17,8 +19,8 @@ FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 """Faces of a grid: lattice axis, then the side of its first (-) or last (+) node."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Grid:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Grid(ByValue):
     """A regular lattice of nodes with a position and an orientation in the world.
 
     The paper's mesh of points zeta_s, uniformly spaced by k (Sec. II). World coordinates
@@ -48,6 +50,8 @@ class Grid:
     >>> grid = ss.Grid.unit_cube(25)
     >>> grid.node_count, grid.side
     (15625, 1.0)
+    >>> grid, grid == ss.Grid.unit_cube(25)
+    (Grid(25 x 25 x 25, 0.04167 mm), True)
     """
 
     shape: tuple[int, int, int]
@@ -57,15 +61,20 @@ class Grid:
 
     def __post_init__(self) -> None:
         if np.shape(self.shape) != (3,):
-            raise ValueError(f"shape = {self.shape!r} is not three whole numbers; give nodes along x, y, z")
+            raise ValueError(f"shape = {shown(self.shape)} is not three whole numbers; give nodes along x, y, z")
         spacing = np.ravel(self.spacing)
         if spacing.size not in (1, 3):
-            raise ValueError(f"spacing = {self.spacing!r} is not one or three numbers; give mm along x, y, z")
+            raise ValueError(f"spacing = {shown(self.spacing)} is not one or three numbers; give mm along x, y, z")
         set_ = object.__setattr__
         set_(self, "shape", tuple(_validate.count("shape", n, least=2) for n in self.shape))
         set_(self, "spacing", tuple(_validate.number("spacing", h, positive=True) for h in np.broadcast_to(spacing, 3)))
         set_(self, "origin", _validate.vector("origin", self.origin))
         set_(self, "direction", _orthonormal(self.direction))
+
+    def __repr__(self) -> str:
+        at = f", origin {place(self.origin)}" if self.origin.any() else ""
+        turned = "" if self.upright else ", tilted"
+        return f"Grid({size(self.shape)}, {lengths(self.spacing)}{at}{turned})"
 
     @classmethod
     def unit_cube(cls, nodes: int) -> Grid:
@@ -139,26 +148,26 @@ class Grid:
         return self.world(index * np.array(self.spacing))
 
     def local(self, points: ArrayLike) -> Array:
-        """Return world points (m, 3) in the lattice frame: mm along each axis from node 0."""
+        """Return world points (m, 3), or one (3,), in the lattice frame: mm along each axis from node 0."""
         return np.ascontiguousarray((np.asarray(points, float) - self.origin) @ self.direction)
 
     def world(self, local: ArrayLike) -> Array:
-        """Return lattice-frame positions (m, 3) as world points; inverse of :meth:`local`."""
+        """Return lattice-frame positions (m, 3), or one (3,), as world points; inverse of :meth:`local`."""
         return np.asarray(local, float) @ self.direction.T + self.origin
 
     def node(self, index: ArrayLike) -> Array:
-        """Return world positions (m, 3) of nodes given by lattice index (m, 3)."""
+        """Return world positions (m, 3) of nodes given by lattice index (m, 3); (3,) of one."""
         return self.world(np.asarray(index) * np.array(self.spacing))
 
     def contains(self, points: ArrayLike, *, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Return which world points (m, 3) lie in the box, to ``tolerance`` box sides."""
-        local = self.local(np.atleast_2d(points))
+        """Return which world points (m, 3) lie in the box, to ``tolerance`` box sides; one answer for one point."""
+        local = self.local(points)
         slack = tolerance * self.extent.max()
-        return ((local >= -slack) & (local <= self.extent + slack)).all(axis=1)
+        return ((local >= -slack) & (local <= self.extent + slack)).all(axis=-1)
 
     def nearest_face(self, point: ArrayLike) -> str:
         """Return the face (one of :data:`FACES`) that lies nearest to a world point."""
-        local = self.local(np.atleast_2d(point))[0]
+        local = self.local(_validate.vector("point", point))
         return FACES[int(np.argmin(np.abs(np.stack([local, self.extent - local], axis=1))))]
 
     def on_faces(self, faces: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -183,11 +192,13 @@ def _orthonormal(direction: ArrayLike) -> Array:
     try:
         matrix = np.array(direction, float)
     except (TypeError, ValueError):
-        raise ValueError(f"direction = {direction!r} is not numeric; give a 3 x 3 matrix") from None
+        raise ValueError(f"direction = {shown(direction)} is not numeric; give a 3 x 3 matrix") from None
     if matrix.shape != (3, 3) or not np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-4):
-        raise ValueError(f"direction = {matrix.tolist()} is not orthonormal; give unit axes as columns")
+        raise ValueError(f"direction = {shown(matrix.tolist())} is not orthonormal; give unit axes as columns")
     left, _, right = np.linalg.svd(matrix)
-    return left @ right
+    turned = left @ right
+    turned.setflags(write=False)
+    return turned
 
 
 def _balanced_shape(sides: Array, nodes: int) -> tuple[int, int, int]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _validate
 from .volume import Volume
 
 TOLERANCE = 1e-3
@@ -20,11 +23,18 @@ HALF = 0.5 + 1e-6
 """Voxels from the centre of the last one to its border, and rounding."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class LabelMap(Volume):
     """Whole numbers at or above zero on a lattice; 0 is background, also beyond the last voxel.
 
     It is never interpolated: between voxels it is the label of the nearest one.
+
+    Parameters
+    ----------
+    voxels, spacing, origin, direction
+        As for :class:`Volume`; whole numbers.
+    names : mapping of int to str, default: {}
+        What the labels are, where that is known.
 
     Raises
     ------
@@ -36,9 +46,11 @@ class LabelMap(Volume):
     >>> import numpy as np
     >>> from sonospline.geometry.label_map import LabelMap
     >>> labels = LabelMap(voxels=np.full((4, 4, 4), 7, np.uint8), spacing=(1, 1, 1))
-    >>> labels.sample([[1.4, 1, 1], [9, 9, 9]]).tolist()
-    [7, 0]
+    >>> labels.sample([[1.4, 1, 1], [9, 9, 9]]).tolist(), labels
+    ([7, 0], LabelMap(4 x 4 x 4, 1.0 mm, 1 label))
     """
+
+    names: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -47,13 +59,50 @@ class LabelMap(Volume):
         if np.issubdtype(self.voxels.dtype, np.signedinteger) and self.voxels.min() < 0:
             raise ValueError(f"voxels has the value {self.voxels.min()}; give labels at or above zero")
 
+        object.__setattr__(self, "names", {int(label): str(name) for label, name in dict(self.names).items()})
+
+    @cached_property
+    def present(self) -> tuple[int, ...]:
+        """Labels that occur, 0 among them."""
+        largest = int(self.voxels.max())
+        if largest > LARGEST:
+            return tuple(np.unique(self.voxels).tolist())
+        found = np.zeros(largest + 1, bool)
+        for slab in _slabs(self.voxels):
+            found[slab] = True
+        return tuple(np.flatnonzero(found).tolist())
+
+    def _facts(self) -> list[str]:
+        found = len(self.present)
+        facts = super()._facts()
+        facts[2] = f"{found} label{'s' if found != 1 else ''}{' with names' if self.names else ''}"
+        return facts
+
+    def named(self, names: Mapping[int, str]) -> LabelMap:
+        """Return the same labels with names.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from sonospline.geometry import LabelMap
+        >>> labels = LabelMap(voxels=np.full((4, 4, 4), 7, np.uint8), spacing=(1, 1, 1))
+        >>> labels.named({7: "liver"}).names
+        {7: 'liver'}
+        """
+        return replace(self, names=names)
+
     def sample(self, points: ArrayLike, *, outside: float = 0) -> NDArray[Any]:
-        """Return labels (m,) at world points (m, 3): that of the nearest voxel, ``outside`` beyond the last one."""
-        index = self.index(points)
+        """Return labels (m,) at world points (m, 3): that of the nearest voxel, ``outside`` beyond the last one.
+
+        At one point (3,) it is one label.
+        """
+        found, shape = _validate.rows("points", points)
+        index = self.index(found)
         last = np.array(self.voxels.shape) - 1
         inside = ((index >= -HALF) & (index <= last + HALF)).all(axis=1)
         nearest = np.clip(np.rint(index), 0, last).astype(int)
-        return np.where(inside, self.voxels[tuple(nearest.T)], self.voxels.dtype.type(outside))
+        labels = np.where(inside, self.voxels[tuple(nearest.T)], self.voxels.dtype.type(outside))
+        return labels.reshape(shape)[()]
 
     @classmethod
     def of(cls, volume: Volume, *, name: str = "labels", largest: int = LARGEST) -> LabelMap:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._by_value import ByValue
+from .._shown import place
 
 Array = NDArray[np.float64]
 
@@ -18,15 +20,15 @@ class Projection(NamedTuple):
     """Points seen from the needle's axis, equations (11) to (13)."""
 
     along: Array
-    """(m,) tau: signed distance along the axis from the entry, eq. (11)."""
+    """(m,) tau: signed distance along the axis from the entry, eq. (11); a number for one point."""
     foot: Array
     """(m, 3) p: closest point of the axis, eq. (12)."""
     distance: Array
     """(m,) d: distance from the axis, eq. (13)."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Needle:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Needle(ByValue):
     """A rigid needle of zero width, entry n_s and tip n_t in world coordinates (mm).
 
     Parameters
@@ -60,7 +62,7 @@ class Needle:
             raise ValueError(f"tip = {self.tip.tolist()} equals the entry; move the tip off the entry point")
 
     def __repr__(self) -> str:
-        return f"Needle(entry={self.entry.tolist()}, tip={self.tip.tolist()})"
+        return f"Needle(entry={place(self.entry)}, tip={place(self.tip)})"
 
     @cached_property
     def depth(self) -> float:
@@ -76,8 +78,9 @@ class Needle:
         """Return the shaft point n(t) = n_s + t (n_t - n_s), 0 <= t <= 1, eq. (9)."""
         return self.entry + np.asarray(t, float)[..., None] * (self.tip - self.entry)
 
-    def project(self, points: Array) -> Projection:
-        """Return distances of points (m, 3) along and from the axis, eqs (11) to (13)."""
+    def project(self, points: ArrayLike) -> Projection:
+        """Return distances of points (m, 3), or of one (3,), along and from the axis, eqs (11) to (13)."""
+        points = np.asarray(points, float)
         along = (points - self.entry) @ self.direction
-        foot = self.entry + along[:, None] * self.direction
-        return Projection(along, foot, np.linalg.norm(points - foot, axis=1))
+        foot = self.entry + along[..., None] * self.direction
+        return Projection(along, foot, np.linalg.norm(points - foot, axis=-1))

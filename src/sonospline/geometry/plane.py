@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _memory, _validate
+from .._by_value import ByValue
+from .._shown import lengths, place, shown, size
 from . import pose
 from .grid import Grid
 
@@ -17,8 +19,8 @@ Array = NDArray[np.float64]
 _PARALLEL = 1e-9
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ImagePlane:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ImagePlane(ByValue):
     """A rectangle of pixels with a pose.
 
     Parameters
@@ -51,13 +53,17 @@ class ImagePlane:
         set_ = object.__setattr__
         set_(self, "image_to_reference", pose.rigid("image_to_reference", self.image_to_reference))
         if np.shape(self.shape) != (2,):
-            raise ValueError(f"shape = {self.shape!r} is not two whole numbers; give rows and columns")
+            raise ValueError(f"shape = {shown(self.shape)} is not two whole numbers; give rows and columns")
         set_(self, "shape", tuple(_validate.count("shape", n) for n in self.shape))
         spacing = np.broadcast_to(np.ravel(self.spacing_mm), 2) if np.size(self.spacing_mm) in (1, 2) else ()
         if len(spacing) != 2:
-            raise ValueError(f"spacing_mm = {self.spacing_mm!r} is not one or two numbers; give mm along x and y")
+            raise ValueError(f"spacing_mm = {shown(self.spacing_mm)} is not one or two numbers; give mm along x and y")
         set_(self, "spacing_mm", tuple(_validate.number("spacing_mm", h, positive=True) for h in spacing))
         set_(self, "corner_mm", tuple(_validate.real("corner_mm", c) for c in self.corner_mm))
+
+    def __repr__(self) -> str:
+        at = place(self.image_to_reference[:3, 3])
+        return f"ImagePlane({size(self.shape)} pixels, {lengths(self.spacing_mm)}, first at {at})"
 
     @classmethod
     def crossing(
@@ -140,8 +146,9 @@ class ImagePlane:
         return pose.shifted(self.image_to_reference, -self.corner_mm[0], -self.corner_mm[1])
 
     def project(self, points: ArrayLike) -> Array:
-        """Return world points (m, 3) along the picture's axes: x, y and the distance z from the plane, mm."""
-        return pose.to_image(self.axes_to_reference, _validate.points("points", points))
+        """Return world points (m, 3), or one (3,), along the picture's axes: x, y and the distance z from it, mm."""
+        found, shape = _validate.rows("points", points)
+        return pose.to_image(self.axes_to_reference, found).reshape(*shape, 3)
 
     def misses(self, grid: Grid) -> bool:
         """Return whether no pixel lies in the box of a grid."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._shown import shown
 
 Array = NDArray[np.float64]
 
@@ -20,11 +21,11 @@ def rigid(name: str, matrix: ArrayLike) -> Array:
     try:
         transform = np.array(matrix, float)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} = {matrix!r} is not numeric; give a 4 x 4 matrix") from None
+        raise ValueError(f"{name} = {shown(matrix)} is not numeric; give a 4 x 4 matrix") from None
     if transform.shape != (4, 4):
         raise ValueError(f"{name} has shape {transform.shape}; give a 4 x 4 matrix")
     if not np.isfinite(transform).all():
-        raise ValueError(f"{name} = {transform.tolist()} contains NaN or infinity; give finite numbers")
+        raise ValueError(f"{name} = {shown(transform.tolist())} contains NaN or infinity; give finite numbers")
     rotation = transform[:3, :3]
     determinant = np.linalg.det(rotation)
     if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4) or determinant < 0:
@@ -97,11 +98,11 @@ def shifted(transform: Array, x: float, y: float) -> Array:
     return moved
 
 
-def to_reference(transform: Array, points: Array) -> Array:
-    """Return image points (m, 3) in the reference frame."""
-    return points @ transform[:3, :3].T + transform[:3, 3]
+def to_reference(transform: Array, points: ArrayLike) -> Array:
+    """Return image points (m, 3), or one (3,), in the reference frame."""
+    return np.asarray(points) @ transform[:3, :3].T + transform[:3, 3]
 
 
-def to_image(transform: Array, points: Array) -> Array:
-    """Return reference points (m, 3) in the image frame; inverse of :func:`to_reference`."""
-    return (points - transform[:3, 3]) @ transform[:3, :3]
+def to_image(transform: Array, points: ArrayLike) -> Array:
+    """Return reference points (m, 3), or one (3,), in the image frame; inverse of :func:`to_reference`."""
+    return (np.asarray(points) - transform[:3, 3]) @ transform[:3, :3]

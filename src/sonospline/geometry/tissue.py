@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
-from .._shown import inside
+from .._shown import inside, lengths, shown, size
 from .grid import FACES, Grid
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ _PRINTED = 5e-6
 """Of a coordinate's size: what is lost where it is printed."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False)
 class Tissue:
     """A block of tissue whose faces are pinned, all but the one the needle enters (Sec. V).
 
@@ -33,8 +33,8 @@ class Tissue:
     --------
     >>> import sonospline as ss
     >>> tissue = ss.Tissue(ss.Grid.unit_cube(25), entry_face="x-")
-    >>> int(tissue.pinned.sum())
-    2929
+    >>> int(tissue.pinned.sum()), tissue
+    (2929, Tissue(25 x 25 x 25, 0.04167 mm, free face x-))
     """
 
     grid: Grid
@@ -42,8 +42,11 @@ class Tissue:
 
     def __post_init__(self) -> None:
         if not isinstance(self.grid, Grid):
-            raise ValueError(f"grid = {self.grid!r} is not a Grid; make one, e.g. Grid.unit_cube(53)")
+            raise ValueError(f"grid = {shown(self.grid)} is not a Grid; make one, e.g. Grid.unit_cube(53)")
         _validate.choice("entry_face", self.entry_face, FACES)
+
+    def __repr__(self) -> str:
+        return f"Tissue({size(self.grid.shape)}, {lengths(self.grid.spacing)}, free face {self.entry_face})"
 
     @property
     def pinned_faces(self) -> tuple[str, ...]:
@@ -55,20 +58,21 @@ class Tissue:
         """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
         return self.grid.on_faces(self.pinned_faces)
 
-    def distance_to_pinned(self, points: Array) -> Array:
-        """Return the distance (m,) of world points (m, 3) in the box to the nearest pinned face."""
+    def distance_to_pinned(self, points: ArrayLike) -> Array:
+        """Return the distance (m,) of world points (m, 3) in the box to the nearest pinned face; a number for one."""
         local = self.grid.local(points)
-        from_both = np.stack([local, self.grid.extent - local], axis=-1).reshape(-1, 6)
+        from_both = np.stack([local, self.grid.extent - local], axis=-1).reshape(*local.shape[:-1], 6)
         pinned = [face in self.pinned_faces for face in FACES]
-        return np.maximum(from_both[:, pinned].min(axis=1), 0.0)
+        return np.maximum(from_both[..., pinned].min(axis=-1), 0.0)
 
-    def check_inside(self, **points: Array) -> None:
+    def check_inside(self, **points: ArrayLike) -> None:
         """Raise ValueError for the first of the named world points that lies outside the tissue.
 
         A point on a face counts as inside however its coordinates were printed: to five
         millionths of their size, which float32 headers and three decimals of a mm keep to.
         """
-        for name, point in points.items():
+        for name, given in points.items():
+            point = _validate.vector(name, given)
             beyond = self._beyond(point)
             if not beyond.max() <= _PRINTED * (self.grid.extent.max() + np.abs(self._corners).max()):
                 raise ValueError(

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._by_value import ByValue
+from .._shown import lengths, place, size
 from .grid import Grid
 
 Array = NDArray[np.float64]
@@ -18,8 +20,8 @@ _SAME = 0.01
 """Of a voxel, between two lattices that are one but for the rounding of file formats."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Volume:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Volume(ByValue):
     """Voxels indexed (i, j, k) on a lattice in world coordinates (RAS, mm).
 
     Parameters
@@ -38,8 +40,8 @@ class Volume:
     >>> import numpy as np
     >>> from sonospline.geometry.volume import Volume
     >>> volume = Volume(voxels=np.zeros((10, 20, 30)), spacing=(1, 1, 2))
-    >>> volume.lattice.extent.tolist()
-    [9.0, 19.0, 58.0]
+    >>> volume.lattice.extent.tolist(), volume
+    ([9.0, 19.0, 58.0], Volume(10 x 20 x 30, 1.0 x 1.0 x 2.0 mm, float64))
     """
 
     voxels: NDArray[Any]
@@ -52,7 +54,19 @@ class Volume:
             raise ValueError(
                 f"voxels has shape {self.voxels.shape}; give a 3-D image of at least 2 voxels along each axis"
             )
-        _ = self.lattice  # checks the geometry
+        lattice = self.lattice  # checks the geometry
+        object.__setattr__(self, "spacing", lattice.spacing)
+        object.__setattr__(self, "origin", lattice.origin)
+        object.__setattr__(self, "direction", np.asarray(self.direction, float))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self._facts())})"
+
+    def _facts(self) -> list[str]:
+        """What its text says."""
+        at = [f"origin {place(self.origin)}"] if np.any(self.origin) else []
+        tilted = [] if self.lattice.upright else ["tilted"]
+        return [size(self.voxels.shape), lengths(self.lattice.spacing), str(self.voxels.dtype), *at, *tilted]
 
     @cached_property
     def lattice(self) -> Grid:
@@ -71,12 +85,14 @@ class Volume:
         )
 
     def index(self, points: ArrayLike) -> Array:
-        """Return continuous voxel indices (m, 3) of world points (m, 3)."""
-        return self.lattice.local(_validate.points("points", points)) / self.lattice.spacing
+        """Return continuous voxel indices (m, 3) of world points (m, 3); (3,) of one."""
+        found, shape = _validate.rows("points", points)
+        return (self.lattice.local(found) / self.lattice.spacing).reshape(*shape, 3)
 
     def position(self, index: ArrayLike) -> Array:
-        """Return world points (m, 3) of continuous voxel indices (m, 3)."""
-        return self.lattice.node(_validate.points("index", index))
+        """Return world points (m, 3) of continuous voxel indices (m, 3); (3,) of one."""
+        found, shape = _validate.rows("index", index)
+        return self.lattice.node(found).reshape(*shape, 3)
 
     def lies_on(self, lattice: Grid) -> bool:
         """Return whether the voxels lie on another lattice, to a hundredth of its voxel."""
@@ -110,8 +126,10 @@ class Volume:
         return replace(self, voxels=voxels, spacing=lattice.spacing, origin=lattice.origin, direction=lattice.direction)
 
     def sample(self, points: ArrayLike, *, outside: float = np.nan) -> NDArray[Any]:
-        """Return intensities (m,) at world points (m, 3), linear between voxels."""
+        """Return intensities (m,) at world points (m, 3), linear between voxels; a number at one."""
         from scipy.ndimage import map_coordinates
 
-        coordinates = self.index(points).T
-        return map_coordinates(self.voxels.astype(float), coordinates, order=1, cval=outside)
+        found, shape = _validate.rows("points", points)
+        coordinates = self.index(found).T
+        intensities = map_coordinates(self.voxels.astype(float), coordinates, order=1, cval=outside)
+        return intensities.reshape(shape)[()]

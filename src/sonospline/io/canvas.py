@@ -36,6 +36,16 @@ def blank(width: float, height: float) -> Any:
     return figure
 
 
+def axes_or_new(ax: Any, width: float = 5.0, height: float = 5.0) -> Any:
+    """Return ``ax``, or the axes of a new figure of so many inches: one pyplot shows, where the user works with it."""
+    if ax is not None:
+        return ax
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is None:
+        return blank(width, height).add_subplot()
+    return pyplot.figure(figsize=(width, height), layout="constrained").add_subplot()
+
+
 @contextmanager
 def picture(path: Path, width: float, height: float, *, dpi: float = 110) -> Iterator[Any]:
     """Yield a figure of so many inches to draw on; then write it as a PNG.

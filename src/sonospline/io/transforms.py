@@ -1,82 +1,51 @@
-"""A field as an ITK displacement-field transform, which warps images in SimpleITK and 3D Slicer."""
+"""Displacements at the nodes of a grid as an ITK transform, which warps images in SimpleITK and 3D Slicer."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._extras import require
-from ..fields.field import Field, InverseReport
 from ..geometry.grid import Grid
-from ..geometry.label_map import LabelMap
-from ..geometry.volume import Volume
-from .volumes import RAS_TO_LPS, from_sitk, place, to_sitk
+from .volumes import vector_image
 from .writing import write_bytes
 
+SUFFIXES = (".h5", ".tfm")
+"""Of the transform files that are written."""
 _ITK_NAME = "DisplacementFieldTransform_double_3_3"
 
 
-@dataclass(frozen=True, eq=False)
-class ImageWarp:
-    """The inverse of a field, sampled on its grid: where each point of the deformed image came from.
+def displacement_transform(grid: Grid, displacement: NDArray[np.float64]) -> Any:
+    """Return a SimpleITK ``DisplacementFieldTransform`` (LPS) that moves each node as given (RAS)."""
+    return require("SimpleITK").DisplacementFieldTransform(vector_image(grid, displacement))
 
-    An ITK transform maps output points to input points, so warping an image needs the
-    inverse of the forward field.
+
+def write_transform(transform: Any, path: str | PathLike[str]) -> None:
+    """Write a displacement field transform as an ITK file, HDF5 (.h5) or text (.tfm).
+
+    Raises
+    ------
+    ValueError
+        Another suffix.
+    OSError
+        The file could not be written whole.
     """
+    suffix = Path(path).suffix
+    if suffix not in SUFFIXES:
+        raise ValueError(f"path = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
+    write_bytes(path, _hdf5_of(transform) if suffix == ".h5" else _text_of(transform))
 
-    grid: Grid
-    displacement: NDArray[np.float64]
-    """(nx, ny, nz, 3) inverse(p) - p at each node p, RAS mm."""
-    report: InverseReport
 
-    @classmethod
-    def of(cls, field: Field) -> ImageWarp:
-        """Return the inverse of a field on the field's own grid.
-
-        A node whose inverse is not known (the report counts them) keeps its place.
-        """
-        if field.grid is None:
-            raise ValueError("field.grid = None: fit the field with grid= to sample its inverse")
-        nodes = field.grid.points
-        source, report = field.inverse(nodes, return_report=True)
-        moved = np.where(report.converged[:, None], source - nodes, 0.0)
-        return cls(field.grid, moved.reshape(*field.grid.shape, 3), report)
-
-    def to_sitk(self) -> Any:
-        """Return a SimpleITK ``DisplacementFieldTransform`` (LPS)."""
-        sitk = require("SimpleITK")
-        vectors = np.ascontiguousarray((self.displacement @ RAS_TO_LPS).transpose(2, 1, 0, 3))
-        image = sitk.GetImageFromArray(vectors, isVector=True)
-        place(image, self.grid)
-        return sitk.DisplacementFieldTransform(image)
-
-    def write(self, path: str | PathLike[str]) -> None:
-        """Write the transform as an ITK .h5 file; load it in Slicer as a Transform.
-
-        Raises
-        ------
-        OSError
-            The file could not be written whole.
-        """
-        write_bytes(path, _hdf5_of(self.to_sitk()))
-
-    def apply(self, volume: Volume) -> Volume:
-        """Return the deformed image: same geometry, linear interpolation, but the nearest voxel of a label map.
-
-        What the deformation draws in from beyond an image becomes its smallest value: black, or air; from
-        beyond a label map, 0.
-        """
-        sitk = require("SimpleITK")
-        image = to_sitk(volume)
-        if isinstance(volume, LabelMap):
-            nearest = sitk.Resample(image, image, self.to_sitk(), sitk.sitkNearestNeighbor, 0.0)
-            return LabelMap.of(from_sitk(nearest))
-        background = float(volume.voxels.min())
-        return from_sitk(sitk.Resample(image, image, self.to_sitk(), sitk.sitkLinear, background))
+def _text_of(transform: Any) -> bytes:
+    """Return the text of a transform as ITK writes it, to the last bit of every number."""
+    numbers = {"Parameters": transform.GetParameters(), "FixedParameters": transform.GetFixedParameters()}
+    lines = ["#Insight Transform File V1.0", "#Transform 0", f"Transform: {_ITK_NAME}"]
+    lines += [f"{name}: {' '.join(map(repr, values))}" for name, values in numbers.items()]
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _hdf5_of(transform: Any) -> bytes:

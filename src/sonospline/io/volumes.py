@@ -95,6 +95,14 @@ def to_sitk(volume: Volume) -> Any:
     return image
 
 
+def vector_image(grid: Grid, vectors: NDArray[np.floating]) -> Any:
+    """Return vectors at the nodes of a grid, (nx, ny, nz, 3) RAS, as a SimpleITK vector image (LPS)."""
+    x_fastest = np.ascontiguousarray((vectors @ RAS_TO_LPS.astype(vectors.dtype)).transpose(2, 1, 0, 3))
+    image = require("SimpleITK").GetImageFromArray(x_fastest, isVector=True)
+    place(image, grid)
+    return image
+
+
 def place(image: Any, lattice: Any) -> None:
     """Give a SimpleITK image the geometry of a :class:`~sonospline.Grid`."""
     image.SetSpacing(lattice.spacing)

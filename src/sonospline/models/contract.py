@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._digest import digest
 from .._shown import shown
 from ..fields.field import Field
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from . import registry
-from ._value import ByValue, digest
+from ._value import ByValue
 from .capability import CapabilityError
 
 Array = NDArray[np.float64]

@@ -36,7 +36,7 @@ class PlannedInsertion:
     >>> from sonospline.study.insertions import PlannedInsertion
     >>> plan = PlannedInsertion("straight", (0, .5, .5), (.6, .5, .5))
     >>> plan.on(ss.Tissue(ss.Grid.unit_cube(25), entry_face="z+"))
-    Needle(entry=[0.5, 0.5, 1.0], tip=[0.5, 0.5, 0.4])
+    Needle(entry=(0.5, 0.5, 1), tip=(0.5, 0.5, 0.4))
     """
 
     name: str

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fields.field import KernelField
 from ..fields.grid_field import GridField
+from ..fields.kernel_field import KernelField
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue

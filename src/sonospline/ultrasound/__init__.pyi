@@ -11,8 +11,6 @@ from .phantom import Phantom as Phantom
 from .probe import Probe as Probe
 from .reslice import Reslicer as Reslicer
 from .reslice import swept as swept
-from .slices import NodeSlice as NodeSlice
-from .slices import PlaneSlice as PlaneSlice
 from .synthesis import BMode as BMode
 from .synthesis import Display as Display
 from .synthesis import Scanner as Scanner

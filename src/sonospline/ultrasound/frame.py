@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._extras import require
 from ..fields.field import Field
+from ..fields.slices import draw_needle
 from ..geometry import pose
 from ..geometry.plane import ImagePlane
+from ..io.canvas import axes_or_new
 from ..io.files import regular_file
-from ._axes import axes_or_new
 
 if TYPE_CHECKING:
     from ..geometry.needle import Needle
@@ -212,10 +213,3 @@ def as_bytes(pixels: NDArray[Any]) -> NDArray[np.uint8]:
     known = pixels[np.isfinite(pixels)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     return np.nan_to_num(255 * (np.clip(pixels, low, high) - low) / max(high - low, 1e-12)).astype(np.uint8)
-
-
-def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
-    """Draw a needle's foot on a plane: the shaft from its entry to its tip."""
-    (x0, y0, _), (x1, y1, _) = plane.project(np.stack([needle.entry, needle.tip]))
-    ax.plot([x0, x1], [y0, y1], color="#ff5a36", lw=1.4, solid_capstyle="butt")
-    ax.plot(x1, y1, marker=".", ms=5, color="#ff5a36")

@@ -39,8 +39,8 @@ _CARDIAC: dict[str, Any] = {
 class Probe:
     """A transducer and its settings.
 
-    The probe frame is its image frame: x lateral, y depth, z elevation, origin in the middle
-    of the face. Start from :meth:`linear`, :meth:`curvilinear` or :meth:`phased`.
+    The probe frame, whose pose is ``ProbeToReference``: x lateral, y depth, z elevation, origin in the
+    middle of the face. Start from :meth:`linear`, :meth:`curvilinear` or :meth:`phased`.
 
     Parameters
     ----------
@@ -234,9 +234,9 @@ class Probe:
         return sigma
 
     def beam_coordinates(self, points: ArrayLike) -> Array:
-        """Return range (mm), line (a fraction of line numbers) and elevation (mm) of image points (m, 3)."""
-        x, y, z = np.asarray(points, float).T
-        return np.column_stack([*self.range_and_line(x, y), z])
+        """Return range (mm), line (fractional) and elevation (mm) of probe points (m, 3), or of one (3,)."""
+        x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+        return np.stack([*self.range_and_line(x, y), z], axis=-1)
 
     def range_and_line(self, x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return range (mm) and line of places in the image plane, any arrays that broadcast."""
@@ -248,13 +248,13 @@ class Probe:
         return np.hypot(x, y) - self.apex_mm, np.arctan2(x, y) / self.line_step + middle
 
     def image_points(self, beam: ArrayLike) -> Array:
-        """Return image points (m, 3) of range, line and elevation; inverse of :meth:`beam_coordinates`."""
-        r, line, z = np.asarray(beam, float).T
+        """Return probe points (m, 3), or one (3,), of range, line and elevation: beam_coordinates' inverse."""
+        r, line, z = np.moveaxis(np.asarray(beam, float), -1, 0)
         across = (line - (self.lines - 1) / 2) * self.line_step
         if not self.curved:
-            return np.column_stack([across, r, z])
+            return np.stack([across, r, z], axis=-1)
         reach = r + self.apex_mm
-        return np.column_stack([reach * np.sin(across), reach * np.cos(across) - self.apex_mm, z])
+        return np.stack([reach * np.sin(across), reach * np.cos(across) - self.apex_mm, z], axis=-1)
 
     def beam_lines(self, count: int = 49) -> Array:
         """Return where beams across the image leave the face and their directions, (count, 4): x, y, x, y; mm."""
@@ -268,12 +268,13 @@ class Probe:
         face = float(np.ptp(self.beam_lines(2)[:, 0]))
         return max(face, 24.0) + 5.0, 21.0 if self.curved else 16.0
 
-    def beam_directions(self, points: Array) -> Array:
-        """Return unit vectors (m, 3) of the beams through image points (m, 3)."""
+    def beam_directions(self, points: ArrayLike) -> Array:
+        """Return unit vectors (m, 3) of the beams through probe points (m, 3), or one (3,)."""
+        points = np.asarray(points, float)
         if not self.curved:
             return np.broadcast_to([0.0, 1.0, 0.0], points.shape)
         from_apex = points * [1, 1, 0] + [0, self.apex_mm, 0]
-        directions: Array = from_apex / np.maximum(np.linalg.norm(from_apex, axis=1, keepdims=True), 1e-9)
+        directions: Array = from_apex / np.maximum(np.linalg.norm(from_apex, axis=-1, keepdims=True), 1e-9)
         return directions
 
     @cached_property

@@ -15,7 +15,7 @@ from .kernel import Kelvinlet
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class KelvinletField(Field):
     """A sum of Kelvinlets, ``u(x) = sum_j K(x - c_j) f_j``."""
 
@@ -25,16 +25,21 @@ class KelvinletField(Field):
     grid: Grid
 
     def displacement(self, points: ArrayLike) -> Array:
-        """Return u (m, 3) at world points (m, 3)."""
-        return self.kernel.sum(_validate.points("points", points), self.centres, self.forces)
+        """Return u (m, 3) at world points (m, 3); (3,) at one point."""
+        x, shape = _validate.rows("points", points)
+        return self.kernel.sum(x, self.centres, self.forces).reshape(*shape, 3)
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Return the Jacobian (m, 3, 3) of the forward map, analytic."""
-        return np.eye(3) + self.kernel.gradient(_validate.points("points", points), self.centres, self.forces)
+        """Return the Jacobian (m, 3, 3) of the forward map, analytic; (3, 3) at one point."""
+        x, shape = _validate.rows("points", points)
+        return (np.eye(3) + self.kernel.gradient(x, self.centres, self.forces)).reshape(*shape, 3, 3)
 
     def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3)."""
         return self.displacement(self.grid.points).reshape(*self.grid.shape, 3)
+
+    def _facts(self) -> list[str]:
+        return [*super()._facts(), f"{len(self.centres)} centres"]
 
     @property
     def length(self) -> float:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ...fields.field import ComposedField, KernelField
+from ...fields.composed_field import ComposedField
 from ...fields.kernel import Kernel
+from ...fields.kernel_field import KernelField
 from ...geometry.tissue import Tissue
 from ..insertion import NeedleInsertion
 from .faces import Progress

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _memory, _validate
-from ...fields.field import ComposedField, Field, KernelField
+from ...fields.composed_field import ComposedField
+from ...fields.field import Field
 from ...fields.kernel import Kernel
+from ...fields.kernel_field import KernelField
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
 from ...mechanics.material import Material

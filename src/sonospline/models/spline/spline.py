@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _core, _validate
-from ...fields.field import KernelField
 from ...fields.kernel import Kernel
+from ...fields.kernel_field import KernelField
 from ...geometry.grid import Grid
 from ...geometry.tissue import Tissue
 from .anchored import AnchoredSystem, Base, CornerBase

@@ -11,25 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._extras import require
-from ..fields.field import Field
-from ..fields.grid_field import GridField
+from .._shown import size
 from ..geometry import pose
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
-from ._axes import axes_or_new
-from .frame import draw_needle
+from ..io.canvas import axes_or_new
+from .field import Field
+from .grid_field import GridField
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NodeSlice:
     """Nodes of the deformed volume on a plane, the needle projected on it (Sec. V, Fig. 2 a-b).
 
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.ultrasound import NodeSlice
+    >>> from sonospline.fields import NodeSlice
     >>> insertion = ss.Insertion(ss.Tissue(ss.Grid.unit_cube(25)))
     >>> field = insertion.advance(ss.Needle((0, .5, .5), (.6, .5, .5)))
     >>> NodeSlice.of(field, axis="z", at=0.5).deformed.shape
@@ -76,6 +76,9 @@ class NodeSlice:
         flat, now = (plane.project(p.reshape(-1, 3)).reshape(p.shape) for p in (nodes, moved))
         return cls(flat, now, plane)
 
+    def __repr__(self) -> str:
+        return f"NodeSlice({size(self.plane.shape)} nodes)"
+
     @property
     def displacement(self) -> Array:
         """(rows, columns, 3) displacement in the plane's frame."""
@@ -98,7 +101,7 @@ class NodeSlice:
         return _surface(world.reshape(self.deformed.shape), self.displacement @ rotation.T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlaneSlice:
     """A field on every pixel of a plane in the deformed tissue, through the inverse map.
 
@@ -106,7 +109,7 @@ class PlaneSlice:
     --------
     >>> import sonospline as ss
     >>> from sonospline.geometry import ImagePlane
-    >>> from sonospline.ultrasound import PlaneSlice
+    >>> from sonospline.fields import PlaneSlice
     >>> insertion = ss.Insertion(ss.Tissue(ss.Grid.unit_cube(25)))
     >>> field = insertion.advance(ss.Needle((0, .5, .5), (.6, .5, .5)))
     >>> plane = ImagePlane.crossing(field.grid, normal=(0, 0, 1), through=(.5, .5, .5), pixels=64)
@@ -128,6 +131,9 @@ class PlaneSlice:
         if sampled.grid is not None:
             moved[~sampled.grid.contains(points)] = np.nan
         return cls(moved.reshape(*plane.shape, 3), plane, sampled)
+
+    def __repr__(self) -> str:
+        return f"PlaneSlice({size(self.plane.shape)} pixels of {self.field!r})"
 
     @cached_property
     def magnitude(self) -> Array:
@@ -214,3 +220,42 @@ def _surface(points: Array, displacement: ArrayLike) -> Any:
     surface["displacement"] = vectors
     surface["magnitude"] = np.linalg.norm(vectors, axis=1)
     return surface
+
+
+def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
+    """Draw a needle's foot on a plane: the shaft from its entry to its tip."""
+    (x0, y0, _), (x1, y1, _) = plane.project(np.stack([needle.entry, needle.tip]))
+    ax.plot([x0, x1], [y0, y1], color="#ff5a36", lw=1.4, solid_capstyle="butt")
+    ax.plot(x1, y1, marker=".", ms=5, color="#ff5a36")
+
+
+def plot_slice(
+    field: Field, ax: Any, through: Needle | ArrayLike | None, normal: ArrayLike | None, style: dict[str, Any]
+) -> Any:
+    """Draw a field on the plane through a needle, or a point, as :meth:`Field.plot` says."""
+    grid = field._require_grid()
+    needle = through if isinstance(through, Needle) else None
+    across = None if normal is None else _validate.vector("normal", normal)
+    if needle is not None:
+        across = _across(needle, grid.direction.T, across)
+        where, right = needle.tip, needle.direction
+    else:
+        where = _most_moved(field) if through is None else _validate.vector("through", through)  # type: ignore[arg-type]
+        across, right = grid.direction[:, 2] if across is None else across, None
+    plane = ImagePlane.crossing(grid, normal=across, through=where, right=right)
+    return PlaneSlice.of(field, plane).plot(ax, needle=needle, **style)
+
+
+def _across(needle: Needle, axes: Array, normal: Array | None) -> Array:
+    """The part across a needle of a direction, by default of the lattice axis that has the largest."""
+    wanted = axes[int(np.argmin(np.abs(axes @ needle.direction)))] if normal is None else normal
+    across = wanted - (wanted @ needle.direction) * needle.direction
+    if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(wanted):
+        raise ValueError(f"normal = {wanted.tolist()} is zero or along the needle; give a direction across it")
+    return across
+
+
+def _most_moved(field: Field) -> Array:
+    grid = field._require_grid()
+    lengths = np.linalg.norm(field.on_grid(), axis=-1)
+    return grid.node(np.unravel_index(int(lengths.argmax()), grid.shape))
