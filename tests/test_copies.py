@@ -13,7 +13,7 @@ from sonospline.fem import FiniteElementModel
 from sonospline.geometry import facing
 from sonospline.mechanics import LineForce
 from sonospline.models.elastic import ElasticInsertion, scene
-from sonospline.simulator import SceneFile, Session
+from sonospline.simulator import Console, SceneFile, Session
 from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 
 HOWS = {"pickle": lambda thing: pickle.loads(pickle.dumps(thing)), "deepcopy": copy.deepcopy}
@@ -98,13 +98,28 @@ def solve(model):
 
 def small_session(model):
     session = Session(SceneFile.parse(SMALL), model=model)
-    session.step(session.command.with_needle(depth=20))
+    session.step(needles={"needle": ss.Needle((30, 30, 0), (45, 30, 12))})
     return session
 
 
 def push(session):
-    shots = [session.step(session.command.with_needle(depth=depth).with_probe(slide=depth / 10)) for depth in (24, 30)]
-    return np.concatenate([part.ravel().astype(float) for s in shots for part in (s.image.pixels, s.field.values)])
+    tips = (50, 30, 16), (55, 30, 20)
+    return _seen([session.step(needles={"needle": ss.Needle((30, 30, 0), tip)}, dt=1 / 60) for tip in tips])
+
+
+def small_console(model):
+    console = Console(Session(SceneFile.parse(SMALL), model=model))
+    console.step(console.command.with_needle(depth=20))
+    return console
+
+
+def turn(console):
+    command = console.command
+    return _seen([console.step(command.with_needle(depth=d).with_probe(slide=d / 10)) for d in (24, 30)])
+
+
+def _seen(frames):
+    return np.concatenate([part.ravel().astype(float) for f in frames for part in (f.image.pixels, f.field.values)])
 
 
 THINGS = {
@@ -120,6 +135,8 @@ THINGS = {
     "Scanner": (used_scanner, render),
     "Session, paper": (lambda: small_session("paper"), push),
     "Session, elastic": (lambda: small_session("elastic"), push),
+    "Console, kelvinlet": (lambda: small_console("kelvinlet"), turn),
+    "Console, elastic": (lambda: small_console("elastic"), turn),
 }
 
 
@@ -146,7 +163,14 @@ def test_copies_hold_on_either_backend():
 
 
 def test_another_process_goes_on_to_the_same_bits():
-    names = ["Insertion under way", "KelvinletInsertion", "ElasticInsertion", "Phantom rendered", "Session, paper"]
+    names = [
+        "Insertion under way",
+        "KelvinletInsertion",
+        "ElasticInsertion",
+        "Phantom rendered",
+        "Session, paper",
+        "Console, elastic",
+    ]
     things = [(THINGS[name][0](), THINGS[name][1]) for name in names]
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         there = pool.map(_go_on, things)

@@ -38,7 +38,7 @@ from sonospline.simulator import Runner
 
 class Slow:
     last, command = None, types.SimpleNamespace(frozen=False)
-    def step(self, command):
+    def step(self, command, dt):
         inside.set()
         print("begun", flush=True)
         time.sleep(0.3)

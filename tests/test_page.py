@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from page_driver import DEPTH, LINK, MOVED, STATUS, Driver, frame_drawn, serving
-from sonospline.simulator import Session
+from sonospline.simulator import Console, Session
 from sonospline.simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 
 pytest_plugins = ["page_fixtures"]
@@ -42,16 +42,16 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
     assert (shown != rest).mean() > 0.1
 
     # the same states in the same order: every number and every pixel is the library's
-    session = Session("kidney")
-    session.step()  # the server makes a first picture before anybody asks
+    console = Console(Session("kidney"))
+    console.step()  # the server makes a first picture before anybody asks
     for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["state"]["frozen"]]:
-        shot = session.step(command_of(header["state"]))
+        shown = console.step(command_of(header["state"]))
         sent = pixels
     np.testing.assert_array_equal(shown, sent)
-    np.testing.assert_array_equal(sent, shot.image.pixels)
-    assert driver.value("tip-to-target") == pytest.approx(shot.readouts.tip_to_target, abs=0.01)
-    assert driver.value("moved") == pytest.approx(shot.readouts.moved, abs=0.01)
-    assert driver.value("depth") == pytest.approx(shot.readouts.depth, abs=0.01)
+    np.testing.assert_array_equal(sent, shown.image.pixels)
+    assert driver.value("tip-to-target") == pytest.approx(shown.readouts.tip_to_target, abs=0.01)
+    assert driver.value("moved") == pytest.approx(shown.readouts.moved, abs=0.01)
+    assert driver.value("depth") == pytest.approx(shown.readouts.depth, abs=0.01)
     assert driver.value("moved") > 0.02
 
     driver.page.keyboard.press("Space")

@@ -7,7 +7,7 @@ import pytest
 
 from simulator_scenes import SMALL
 from sonospline.geometry import facing
-from sonospline.simulator import SceneFile, Session
+from sonospline.simulator import Console, SceneFile, Session
 from sonospline.ultrasound import Phantom, Probe, Scanner
 
 KNOBS = ("gain", "depth", "frequency", "focus")
@@ -27,40 +27,40 @@ lines = {lines}
 """
 
 
-def ranges(session, group):
-    return {knob.field: (knob.low, knob.high) for knob in session.scene.knobs if knob.group == group}
+def ranges(console, group):
+    return {knob.field: (knob.low, knob.high) for knob in console.scene.knobs if knob.group == group}
 
 
-def show(session, rng, knobs):
+def show(console, rng, knobs):
     """One picture, with the probe anywhere it may be."""
-    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in ranges(session, "probe").items()}
-    state = session.command.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
-    shot = session.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
-    assert shot.image.pixels.dtype == np.uint8
-    assert shot.image.pixels.ndim == 2
-    return shot
+    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in ranges(console, "probe").items()}
+    state = console.command.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
+    frame = console.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
+    assert frame.image.pixels.dtype == np.uint8
+    assert frame.image.pixels.ndim == 2
+    return frame
 
 
-def places(session, rng, between):
+def places(console, rng, between):
     """All corners of the knobs' limits, then random places between."""
-    limits = list(ranges(session, "image").values())
+    limits = list(ranges(console, "image").values())
     yield from itertools.product(*[sorted({*ends}) for ends in limits])
     for _ in range(between):
         yield [rng.uniform(*ends) for ends in limits]
 
 
 def test_every_knob_at_every_end_gives_a_picture(rng):
-    session = Session(SceneFile.parse(SMALL), model="kelvinlet")
-    pictures = [show(session, rng, knobs) for knobs in places(session, rng, 4)]
+    console = Console(Session(SceneFile.parse(SMALL), model="kelvinlet"))
+    pictures = [show(console, rng, knobs) for knobs in places(console, rng, 4)]
     assert len(pictures) == 20
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["kidney", "gel", "cube"])
 def test_every_knob_of_a_shipped_scene_gives_a_picture(rng, scene):
-    session = Session(scene, model="kelvinlet")
-    for knobs in places(session, rng, 40):
-        show(session, rng, knobs)
+    console = Console(Session(scene, model="kelvinlet"))
+    for knobs in places(console, rng, 40):
+        show(console, rng, knobs)
 
 
 PROBES = list(
@@ -71,10 +71,10 @@ PROBES = list(
 def of_a_scene_file(rng, corners):
     for kind, frequency, depth, lines, focus in corners:
         text = BLOCK.format(kind=kind, frequency=frequency, depth=depth, lines=lines, focus=focus)
-        session = Session(SceneFile.parse(text))
-        low = [low for low, _ in ranges(session, "image").values()]
-        show(session, rng, low)
-        show(session, rng, [0.0, depth, frequency, focus])
+        console = Console(Session(SceneFile.parse(text)))
+        low = [low for low, _ in ranges(console, "image").values()]
+        show(console, rng, low)
+        show(console, rng, [0.0, depth, frequency, focus])
 
 
 @pytest.mark.parametrize("kind", ["linear", "curvilinear", "phased"])
@@ -107,14 +107,14 @@ def test_usual_presets_keep_their_samples():
 @pytest.mark.parametrize("model", ["kelvinlet", "paper"])
 @pytest.mark.parametrize("count", [15, pytest.param(250, marks=pytest.mark.slow)])
 def test_no_pose_within_the_limits_moves_tissue_further_than_the_needle_drags_it(rng, model, count):
-    session = Session(SceneFile.parse(SMALL), model=model)
-    limits, side = ranges(session, "needle"), session.scene.tissue.grid.side
+    console = Console(Session(SceneFile.parse(SMALL), model=model))
+    limits, side = ranges(console, "needle"), console.scene.tissue.grid.side
     wanted = {"kelvinlet": 1.2 * 0.0279, "paper": 1.05 * np.hypot(0.0266, 0.0041)}[model] * side
     moved = 0.0
     for _ in range(count):
-        session.step(session.command.with_needle(depth=0.0))
+        console.step(console.command.with_needle(depth=0.0))
         pose = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in limits.items()}
         pose["depth"] = float(rng.choice([0.06, 0.1, 0.3, 1.0, 10.0, limits["depth"][1]]))
-        values = session.step(session.command.with_needle(**pose)).field.values
+        values = console.step(console.command.with_needle(**pose)).field.values
         moved = max(moved, float(np.linalg.norm(values, axis=-1).max()))
     assert 0.1 * wanted < moved <= wanted

@@ -8,7 +8,7 @@ import pytest
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import connection, session_pool
-from sonospline.simulator import SceneFile, Session
+from sonospline.simulator import Console, SceneFile, Session
 
 
 def back(running, page):
@@ -63,17 +63,17 @@ def test_the_pass_survives(running, leave):
 
 def test_the_clock_of_the_pass_stands_still_meanwhile():
     now = [100.0]
-    session = Session(SceneFile.parse(SMALL_PAPER), clock=lambda: now[0])
-    session.step(session.command.with_needle(depth=10.0))
+    console = Console(Session(SceneFile.parse(SMALL_PAPER)), clock=lambda: now[0])
+    console.step(console.command.with_needle(depth=10.0))
     now[0] += 2.0
-    assert session.step(session.command.with_needle(depth=12.0)).metrics.time_s == 2
-    session.pause()
+    assert console.step(console.command.with_needle(depth=12.0)).metrics.time_s == 2
+    console.pause()
     now[0] += 25.0
-    session.pause()
+    console.pause()
     now[0] += 1.0
-    assert session.step(session.command.with_needle(depth=13.0)).metrics.time_s == 2
+    assert console.step(console.command.with_needle(depth=13.0)).metrics.time_s == 2
     now[0] += 1.0
-    assert session.step(session.command.with_needle(depth=14.0)).metrics.time_s == 3
+    assert console.step(console.command.with_needle(depth=14.0)).metrics.time_s == 3
 
 
 def test_a_frozen_session_shows_its_picture_and_its_meshes_again(running):

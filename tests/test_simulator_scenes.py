@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulator_scenes import SMALL
-from sonospline.simulator import SceneError, SceneFile, Session, make_scene, organs, scene_schema
+from sonospline.simulator import Console, SceneError, SceneFile, Session, make_scene, organs, scene_schema
 from sonospline.simulator.scene_file import SHIPPED, line_of
 from sonospline.simulator.surfaces import MOST_VERTICES
 
@@ -49,8 +49,8 @@ def test_the_skin_faces_out_of_the_tissue(scene):
 
 
 def test_meshes_move_with_the_tissue(scene):
-    session = Session(scene, model="paper")
-    field = session.step(scene.start.with_needle(depth=35.0)).field
+    console = Console(Session(scene, model="paper"))
+    field = console.step(scene.start.with_needle(depth=35.0)).field
     moved = scene.deformed(field, grid=True)
     rest = np.concatenate([mesh.points for mesh in scene.meshes])
     assert moved == pytest.approx(field.forward(rest), abs=1e-4)
@@ -170,10 +170,10 @@ def test_a_real_label_map_becomes_a_scene(shared_data):
     assert scene.targets["middle"] == pytest.approx(middle, abs=3)
     box = f"low = {(middle - 40).tolist()}\nhigh = {(middle + 40).tolist()}"
     scene = _made(LABELS.format(folder=shared_data, face="y+", box=box))
-    session = Session(scene)
-    shot = session.settle(session.command.with_needle(depth=60.0))
-    assert shot.image.pixels.std() > 10
-    assert 0.01 < shot.readouts.moved < 20
+    console = Console(Session(scene))
+    frame = console.settle(console.command.with_needle(depth=60.0))
+    assert frame.image.pixels.std() > 10
+    assert 0.01 < frame.readouts.moved < 20
 
 
 def test_a_real_sweep_becomes_a_scene(shared_data):
@@ -193,9 +193,9 @@ u = 20.0
 length_mm = 60.0
 """
     scene = _made(text)
-    session = Session(scene)
-    before = session.step()
-    after = session.settle(session.command.with_needle(depth=30.0))
+    console = Console(Session(scene))
+    before = console.step()
+    after = console.settle(console.command.with_needle(depth=30.0))
     assert before.image.mask.mean() > 0.2
     assert (before.image.pixels[~before.image.mask] == 0).all()
     assert (before.image.pixels != after.image.pixels).mean() > 0.1
@@ -204,9 +204,9 @@ length_mm = 60.0
     inside = (row >= 0) & (row < after.image.pixels.shape[0]) & (column >= 0) & (column < after.image.pixels.shape[1])
     seen = after.image.mask[row[inside], column[inside]]
     assert (after.image.pixels[row[inside], column[inside]][seen] > 200).all()  # the needle is painted
-    assert session.step(session.command.with_image(gain=-20.0)).image.pixels.mean() < after.image.pixels.mean()
+    assert console.step(console.command.with_image(gain=-20.0)).image.pixels.mean() < after.image.pixels.mean()
     with pytest.raises(ValueError, match=r"image.frequency = .* out of range"):
-        session.step(session.command.with_image(frequency=9.0))
+        console.step(console.command.with_image(frequency=9.0))
 
 
 def _made(text):

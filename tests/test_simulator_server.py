@@ -12,7 +12,7 @@ import sonospline as ss
 from simulator_client import websockets
 from simulator_scenes import SMALL, SMALL_PAPER
 from sonospline.server import wire
-from sonospline.simulator import Session
+from sonospline.simulator import Console
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
@@ -102,12 +102,12 @@ def test_at_most_two_frames_are_in_flight_and_one_where_the_page_is_slow(page, a
 def test_a_server_at_work_on_a_frame_still_answers_a_ping(page, monkeypatch):
     at_work, go_on = threading.Event(), threading.Event()
 
-    def slow_step(session, command=None, step=Session.step):
+    def slow_step(console, command=None, dt=0.0, step=Console.step):
         at_work.set()
         go_on.wait(60)
-        return step(session, command)
+        return step(console, command, dt)
 
-    monkeypatch.setattr(Session, "step", slow_step)
+    monkeypatch.setattr(Console, "step", slow_step)
     seq = page.ask(depth=4.0)
     try:
         assert at_work.wait(60)

@@ -23,5 +23,6 @@ from .models import Response as Response
 from .models import State as State
 from .models import TissueModel as TissueModel
 from .models import Triharmonic as Triharmonic
+from .simulator import Session as Session
 
 __version__: str

@@ -22,7 +22,7 @@ from .sender import Sender
 from .session_pool import Kept
 
 if TYPE_CHECKING:
-    from ..simulator.session import Session
+    from ..simulator.console import Console
 
 POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
@@ -68,7 +68,7 @@ class Connection:
         if kept is None:
             self._loader.load(self._catalog.first)
         else:
-            self._start(kept.scene, kept.session)
+            self._start(kept.scene, kept.console)
 
     async def close(self) -> Kept | None:
         """End the session's thread; return the session where it is worth to be kept."""
@@ -78,8 +78,8 @@ class Connection:
         if live is None or over:
             self._catalog.release_memory()
             return None
-        live.session.pause()
-        return Kept(live.name, live.session)
+        live.console.pause()
+        return Kept(live.name, live.console)
 
     def end(self, verdict: Verdict) -> None:
         """Have the client hung up on."""
@@ -148,15 +148,15 @@ class Connection:
     def _switch(self, model: str) -> None:
         if model not in MODELS:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(MODELS)}")
-        self._ready("message").act(methodcaller("switch", model))
+        self._ready("message").act(lambda console: console.session.switch(model))
         self._sender.say(said.ModelMessage(model=model))
 
     def _aim(self, target: str) -> None:
         live = self._ready("target")
-        targets = live.session.scene.targets
+        targets = live.console.scene.targets
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
-        live.act(methodcaller("choose_target", target))
+        live.act(lambda console: console.session.choose_target(target))
         self._sender.say(said.TargetMessage(id=target))
 
     def _ready(self, what: str, seq: int | None = None) -> LiveSession:
@@ -164,15 +164,15 @@ class Connection:
             raise MessageError(what, "came while the scene is loading; wait for the scene message", seq)
         return self._live
 
-    async def _replace(self, name: str, session: Session) -> None:
+    async def _replace(self, name: str, console: Console) -> None:
         """Let a new scene take the place of the present one."""
         await self._end()
         self._catalog.release_memory()
-        self._start(name, session)
+        self._start(name, console)
 
-    def _start(self, name: str, session: Session) -> None:
+    def _start(self, name: str, console: Console) -> None:
         self._busy_at = time.monotonic()
-        self._live = LiveSession(name, session, self._flow, self._sender, self._catalog)
+        self._live = LiveSession(name, console, self._flow, self._sender, self._catalog)
 
     async def _end(self) -> LiveSession | None:
         live, self._live = self._live, None

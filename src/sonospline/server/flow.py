@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ..simulator.console import Console
+    from ..simulator.console_frame import ConsoleFrame
     from ..simulator.runner import Stamp
     from ..simulator.scene import Scene
-    from ..simulator.session import Session
-    from ..simulator.shot import Shot
 
 MESH_HZ = 15.0
 
@@ -36,11 +36,11 @@ class FrameFlow:
         self._shown: Scene | None = None
         self._mesh_at = -1.0
 
-    def begin(self, session: Session) -> None:
-        """Go on with a session's frames; the page has no meshes of it yet."""
+    def begin(self, console: Console) -> None:
+        """Go on with a console's frames; the page has no meshes of it yet."""
         self._flying.clear()
         self._of_older_scenes, self._shown = self._frames, None
-        self._sent_field, self._mesh_at = session.rest, -1.0
+        self._sent_field, self._mesh_at = console.session.rest, -1.0
 
     def view(self, grid: bool, ahead: int) -> None:
         """Heed what the page shows and how far frames may be ahead of it."""
@@ -65,13 +65,13 @@ class FrameFlow:
         while self._flying and self._flying[0] <= frame:
             self._flying.popleft()
 
-    def encode(self, scene: Scene, shot: Shot, stamp: Stamp) -> bytes:
+    def encode(self, scene: Scene, shown: ConsoleFrame, stamp: Stamp) -> bytes:
         """Return the message of a picture."""
-        positions = self._positions(scene, shot)
+        positions = self._positions(scene, shown)
         self._frames += 1
         self._flying.append(self._frames)
         return wire.frame(
-            shot, number=self._frames, seq=stamp.seq, positions=positions,
+            shown, number=self._frames, seq=stamp.seq, positions=positions,
             grid=positions is not None and self._sent_grid, server_ms=1e3 * (time.perf_counter() - stamp.since),
         )  # fmt: skip
 
@@ -84,13 +84,13 @@ class FrameFlow:
         """Have positions sent from now on: the page knows the meshes."""
         self._shown = scene
 
-    def _positions(self, scene: Scene, shot: Shot) -> NDArray[np.float32] | None:
+    def _positions(self, scene: Scene, shown: ConsoleFrame) -> NDArray[np.float32] | None:
         """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
         if scene is not self._shown:
             return None
         now = time.monotonic()
-        changed = shot.field is not self._sent_field or self._grid_wanted != self._sent_grid
+        changed = shown.field is not self._sent_field or self._grid_wanted != self._sent_grid
         if not changed or now - self._mesh_at < 1 / MESH_HZ:
             return None
-        self._sent_field, self._mesh_at, self._sent_grid = shot.field, now, self._grid_wanted
-        return scene.deformed(shot.field, grid=self._grid_wanted)
+        self._sent_field, self._mesh_at, self._sent_grid = shown.field, now, self._grid_wanted
+        return scene.deformed(shown.field, grid=self._grid_wanted)

@@ -16,8 +16,8 @@ from .server_messages import SceneMessage
 
 if TYPE_CHECKING:
     from ..simulator.command import Command
-    from ..simulator.session import Session
-    from ..simulator.shot import Shot
+    from ..simulator.console import Console
+    from ..simulator.console_frame import ConsoleFrame
 
 logger = logging.getLogger(__name__)
 
@@ -33,7 +33,7 @@ class LiveSession:
     ----------
     name : str
         Id of its scene.
-    session : Session
+    console : Console
         Touched by its own thread alone from now on.
     flow : FrameFlow
         Numbers and credit of the page's frames; they go on from scene to scene.
@@ -43,14 +43,14 @@ class LiveSession:
         Who makes the meshes.
     """
 
-    def __init__(self, name: str, session: Session, flow: FrameFlow, sender: Sender, catalog: SceneCatalog) -> None:
-        self.name, self.session = name, session
+    def __init__(self, name: str, console: Console, flow: FrameFlow, sender: Sender, catalog: SceneCatalog) -> None:
+        self.name, self.console = name, console
         self._flow, self._sender, self._catalog = flow, sender, catalog
         self._showing: asyncio.Task[None] | None = None
         self._ended = False
-        flow.begin(session)
-        sender.say(SceneMessage.of(name, session))
-        self._runner = Runner(session)
+        flow.begin(console)
+        sender.say(SceneMessage.of(name, console))
+        self._runner = Runner(console)
         self._frames = self._runner.subscribe(self._deliver, on_error=sender.report, ready=flow.may_send, quick=True)
 
     def submit(self, command: Command, seq: int) -> None:
@@ -61,11 +61,11 @@ class LiveSession:
         FieldError
             One beyond the scene's limits.
         """
-        self.session.scene.knobs.check(command)
+        self.console.scene.knobs.check(command)
         self._runner.submit(command, seq)
 
-    def act(self, action: Callable[[Session], object]) -> None:
-        """Have something else done to the session.
+    def act(self, action: Callable[[Console], object]) -> None:
+        """Have something else done to the console.
 
         Raises
         ------
@@ -94,9 +94,9 @@ class LiveSession:
         while self._runner.alive:
             await asyncio.sleep(_POLL_S)
 
-    def _deliver(self, shot: Shot, stamp: Stamp) -> None:
+    def _deliver(self, frame: ConsoleFrame, stamp: Stamp) -> None:
         """Encode a frame; in the session's thread."""
-        self._sender.call(self._sender.put, self._flow.encode(self.session.scene, shot, stamp))
+        self._sender.call(self._sender.put, self._flow.encode(self.console.scene, frame, stamp))
         if self._flow.at_first:  # nothing shall keep the first picture waiting
             self._sender.call(self._show, stamp)
 
@@ -106,16 +106,16 @@ class LiveSession:
 
     async def _bring_meshes(self) -> None:
         try:
-            made = self._catalog.geometry(self.session, lambda: not self._ended)
+            made = self._catalog.geometry(self.console, lambda: not self._ended)
             geometry = await asyncio.wrap_future(made)
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
             self._sender.report(f"the 3-D view has no surfaces: {error}")
             return
         self._sender.put(geometry)
-        self._flow.show(self.session.scene)
+        self._flow.show(self.console.scene)
         self._runner.do(_nothing)  # where nothing moves, the positions come by one more frame
 
 
-def _nothing(session: Session) -> None:
-    """Ask nothing of a session but another frame."""
+def _nothing(console: Console) -> None:
+    """Ask nothing of a console but another frame."""

@@ -21,8 +21,8 @@ from .server_messages import PROTOCOL, Hello, OfferedScene
 from .worker import Worker
 
 if TYPE_CHECKING:
+    from ..simulator.console import Console
     from ..simulator.scene import Scene
-    from ..simulator.session import Session
 
 Progress = Callable[[float], None]
 Wanted = Callable[[], bool]
@@ -57,7 +57,7 @@ class SceneCatalog:
         self.scenes: dict[str, Entry] = {**(own or {}), **{k: v for k, v in shipped.items() if k not in (own or {})}}
         self.first = next(iter(self.scenes)) if first is None else first
         self._made: OrderedDict[str, Scene] = OrderedDict()
-        self._prepared: Session | None = None
+        self._prepared: Console | None = None
         self._waiting: list[Progress] = []
         # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
         # page brings along may take long, and holds up nobody who wants a scene on offer.
@@ -81,8 +81,8 @@ class SceneCatalog:
         """Begin to make the first scene and its first picture before anybody asks."""
         self._offered.submit(self._prepare)
 
-    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Session]:
-        """Return a new session of a scene, its first picture made, once it is there.
+    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Console]:
+        """Return a new console on a scene, its first picture made, once it is there.
 
         Parameters
         ----------
@@ -107,12 +107,12 @@ class SceneCatalog:
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
 
-    def geometry(self, session: Session, wanted: Wanted = lambda: True) -> Future[bytes]:
+    def geometry(self, console: Console, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
-        scene = session.scene
+        scene = console.scene
         worker = self._brought if scene in self._brought_scenes else self._offered
         made = worker.submit(wire.geometry, scene)
-        for preparation in (session.warm_up, scene.prepare):
+        for preparation in (console.warm_up, scene.prepare):
             worker.submit(_if_wanted, wanted, preparation)
         return made
 
@@ -130,7 +130,7 @@ class SceneCatalog:
 
     def _prepare(self) -> None:
         try:
-            self._prepared = _session(self._scene(self.first, self._pass_on), self._pass_on)
+            self._prepared = _console(self._scene(self.first, self._pass_on), self._pass_on)
         except Exception as error:  # the first page is told why, when it asks
             logger.warning("scene %s could not be made: %s", self.first, error)
 
@@ -138,12 +138,12 @@ class SceneCatalog:
         for progress in tuple(self._waiting):
             progress(share)
 
-    def _deliver(self, name: str, progress: Progress) -> Session:
+    def _deliver(self, name: str, progress: Progress) -> Console:
         self._waiting.remove(progress)
         if name == self.first and self._prepared is not None:
             prepared, self._prepared = self._prepared, None
             return prepared
-        return _session(self._scene(name, progress), progress)
+        return _console(self._scene(name, progress), progress)
 
     def _scene(self, name: str, progress: Progress) -> Scene:
         from ..simulator.scene_maker import make_scene
@@ -156,7 +156,7 @@ class SceneCatalog:
             self._made.popitem(last=False)
         return self._made[name]
 
-    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Session:
+    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Console:
         from ..simulator.scene_maker import make_scene
         from .file_access import refuse_elsewhere
 
@@ -170,7 +170,7 @@ class SceneCatalog:
         refuse_elsewhere(spec)
         scene = make_scene(spec, progress=go_on)
         self._brought_scenes.add(scene)
-        return _session(scene, go_on)
+        return _console(scene, go_on)
 
 
 class DroppedError(Exception):
@@ -182,10 +182,11 @@ def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
         preparation()
 
 
-def _session(scene: Scene, progress: Progress) -> Session:
-    from ..simulator.session import Session  # here, so that the page can be opened before it is loaded
+def _console(scene: Scene, progress: Progress) -> Console:
+    from ..simulator.console import Console  # here, so that the page can be opened before it is loaded
+    from ..simulator.session import Session
 
-    session = Session(scene)
-    session.step()
+    console = Console(Session(scene))
+    console.step()
     progress(1.0)
-    return session
+    return console

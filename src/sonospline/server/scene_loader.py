@@ -14,7 +14,7 @@ from .sender import Sender
 from .server_messages import Loading
 
 if TYPE_CHECKING:
-    from ..simulator.session import Session
+    from ..simulator.console import Console
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class SceneLoader:
     """
 
     def __init__(
-        self, catalog: SceneCatalog, sender: Sender, refuse: Refuse, ready: Callable[[str, Session], Awaitable[None]]
+        self, catalog: SceneCatalog, sender: Sender, refuse: Refuse, ready: Callable[[str, Console], Awaitable[None]]
     ) -> None:
         self._catalog, self._sender, self._refuse, self._ready = catalog, sender, refuse, ready
         self._task: asyncio.Task[None] | None = None
@@ -79,7 +79,7 @@ class SceneLoader:
                 name, text, lambda share: self._sender.say_from_thread(self._progress(name, share)),
                 lambda: not self._closed,
             )  # fmt: skip
-            session = await asyncio.wrap_future(ordered)
+            console = await asyncio.wrap_future(ordered)
         except SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -88,7 +88,7 @@ class SceneLoader:
             logger.exception("scene %s could not be made", name)
             self._refuse("scene", f"could not be made ({error})", file=file)
         else:
-            await self._ready(name, session)
+            await self._ready(name, console)
 
     def _progress(self, name: str, share: float) -> Loading:
         return Loading(scene=name, name=self._catalog.title(name), share=share)

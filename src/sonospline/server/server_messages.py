@@ -12,7 +12,7 @@ from ..simulator.scene_file import MODELS
 from .client_messages import snake_case
 
 if TYPE_CHECKING:
-    from ..simulator.session import Session
+    from ..simulator.console import Console
     from ..ultrasound.probe import Probe
 
 PROTOCOL: Literal[2] = 2
@@ -117,9 +117,9 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     """Where the scene starts."""
 
     @classmethod
-    def of(cls, id: str, session: Session) -> SceneMessage:
-        """Return what is to be said of a session's scene."""
-        scene, spec = session.scene, session.scene.spec
+    def of(cls, id: str, console: Console) -> SceneMessage:
+        """Return what is to be said of a console's scene."""
+        scene, spec = console.scene, console.scene.spec
         right, depth, out, origin = (
             tuple(v.tolist()) for v in (scene.frame.right, scene.frame.depth, scene.frame.out, scene.frame.origin)
         )
@@ -127,10 +127,11 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
         return cls(
             id=id, name=spec.name, frame=SkinDirections(right=right, depth=depth, out=out, skin_origin=origin),
             box=Box(low=low, high=high),
-            models=tuple(Choice(id=key, name=name) for key, name in MODELS.items()), model=session.model,
+            models=tuple(Choice(id=key, name=name) for key, name in MODELS.items()), model=console.session.model,
             probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
-            targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets), target=session.target,
-            tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=session.command, start=scene.start,
+            targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets),
+            target=console.session.target,
+            tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=console.command, start=scene.start,
         )  # fmt: skip
 
 

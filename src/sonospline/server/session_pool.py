@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from ..simulator.session import Session
+    from ..simulator.console import Console
     from .connection import Connection
 
 KEPT_S = 30.0
@@ -19,7 +19,7 @@ class Kept(NamedTuple):
     """A session nobody is connected to."""
 
     scene: str
-    session: Session
+    console: Console
 
 
 class SessionPool:

@@ -15,8 +15,8 @@ from ..simulator.readouts import Blocked, Readouts
 from .server_messages import Vector
 
 if TYPE_CHECKING:
+    from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
-    from ..simulator.shot import Shot
     from ..simulator.surfaces import Mesh
 
 FRAME, GEOMETRY = 1, 2
@@ -111,30 +111,30 @@ def geometry(scene: Scene) -> bytes:
     return _message(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
 
 
-def frame(shot: Shot, *, number: int, seq: int, positions: NDArray[np.float32] | None, grid: bool,
+def frame(shown: ConsoleFrame, *, number: int, seq: int, positions: NDArray[np.float32] | None, grid: bool,
           server_ms: float) -> bytes:  # fmt: skip
     """Return message kind 1: the picture, the state it shows, and positions of the meshes where they changed."""
-    pixels = np.ascontiguousarray(shot.image.pixels, np.uint8)
+    pixels = np.ascontiguousarray(shown.image.pixels, np.uint8)
     rows, columns = pixels.shape
-    metrics = shot.metrics
+    metrics = shown.metrics
     header = FrameHeader(
-        frame=number, seq=seq, rows=rows, columns=columns, pixel=shot.image.plane.spacing_mm,
-        image_to_reference=_numbers(shot.image_to_reference),
-        probe_to_reference=_numbers(shot.probe_to_reference),
-        state=shot.command, blocked=shot.blocked,
+        frame=number, seq=seq, rows=rows, columns=columns, pixel=shown.image.plane.spacing_mm,
+        image_to_reference=_numbers(shown.image_to_reference),
+        probe_to_reference=_numbers(shown.probe_to_reference),
+        state=shown.command, blocked=shown.blocked,
         needle=NeedlePlace(
-            entry=_numbers(shot.entry), tip=_numbers(shot.tip), direction=_numbers(shot.direction)
+            entry=_numbers(shown.entry), tip=_numbers(shown.tip), direction=_numbers(shown.direction)
         ),
         target=TargetPlace(
-            id=shot.target, now=_numbers(shot.target_now), rest=_numbers(shot.target_rest)
+            id=shown.target, now=_numbers(shown.target_now), rest=_numbers(shown.target_rest)
         ),
-        readouts=shot.readouts,
+        readouts=shown.readouts,
         passed=PassSummary(
             time_s=metrics.time_s, passes=metrics.passes, tip_path_mm=metrics.tip_path_mm,
             max_off_plane_mm=metrics.max_off_plane_mm,
         ),
-        model=shot.model, noise=shot.number,
-        server_ms=round(server_ms, 3), step_ms=round(shot.step_ms, 3), render_ms=round(shot.render_ms, 3),
+        model=shown.model, noise=shown.number,
+        server_ms=round(server_ms, 3), step_ms=round(shown.step_ms, 3), render_ms=round(shown.render_ms, 3),
         mesh=0 if positions is None else len(positions), grid=grid,
     )  # fmt: skip
     padding = b"\0" * (-pixels.size % 4)

@@ -2,6 +2,9 @@ from .command import Command as Command
 from .command import ImageSettings as ImageSettings
 from .command import NeedleCommand as NeedleCommand
 from .command import ProbeCommand as ProbeCommand
+from .console import Console as Console
+from .console_frame import ConsoleFrame as ConsoleFrame
+from .constraint import Constrained as Constrained
 from .knobs import Knobs as Knobs
 from .readouts import Readouts as Readouts
 from .runner import Runner as Runner
@@ -12,5 +15,5 @@ from .scene_file import SceneFile as SceneFile
 from .scene_file import scene_schema as scene_schema
 from .scene_maker import make_scene as make_scene
 from .session import Session as Session
-from .shot import Shot as Shot
+from .simulated_frame import SimulatedFrame as SimulatedFrame
 from .subscription import Subscription as Subscription

@@ -32,6 +32,10 @@ class Imager(ABC):
     probe: Probe
     probe_to_reference: Array
 
+    def is_aimed(self, probe: Probe, probe_to_reference: Array) -> bool:
+        """Return whether it is this probe, at this pose."""
+        return probe == self.probe and bool((probe_to_reference == self.probe_to_reference).all())
+
     @abstractmethod
     def aimed(self, probe: Probe, probe_to_reference: Array) -> Imager:
         """Return the imager with another probe or at another pose."""
@@ -40,34 +44,27 @@ class Imager(ABC):
     def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
         """Return the picture of the deformed tissue with the needle in it."""
 
-    def out_of_plane(self, point: Array) -> tuple[float, float]:
-        """Return how far a point is out of the image plane, away from the viewer, and half the slice there."""
-        pose = self.probe_to_reference
-        local = (point - pose[:3, 3]) @ pose[:3, :3]
-        beam = self.probe.beam_coordinates(local[None])[0]
-        sigma = float(self.probe.elevation_sigma(np.clip(beam[0], 0, self.probe.depth_mm)))
-        return float(local[2]), float(np.sqrt(2 * np.log(2)) * sigma)
-
 
 class SyntheticImager(Imager):
     """B-mode of a label map."""
 
-    def __init__(self, scanner: Scanner) -> None:
+    def __init__(self, scanner: Scanner, probe_to_reference: Array) -> None:
         self._scanner = scanner
         self._base = scanner.display.gain_db
-        self.probe, self.probe_to_reference = scanner.probe, scanner.probe_to_reference
+        self.probe, self.probe_to_reference = scanner.probe, probe_to_reference
 
     @classmethod
     def of(
         cls, phantom: Phantom, probe: Probe, probe_to_reference: Array, *, display: Display, echo: NeedleEcho
     ) -> SyntheticImager:
         """Return the imager of a phantom."""
-        return cls(Scanner(phantom, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM))
+        scanner = Scanner(phantom, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM)
+        return cls(scanner, probe_to_reference)
 
     def aimed(self, probe: Probe, probe_to_reference: Array) -> SyntheticImager:
         old = self._scanner.with_display(gain_db=self._base)
         if probe == self.probe:
-            return SyntheticImager(old.moved(probe_to_reference))
+            return SyntheticImager(old.moved(probe_to_reference), probe_to_reference)
         return SyntheticImager.of(
             old.phantom, probe, probe_to_reference, display=old.display, echo=old.needle_echo
         )  # fmt: skip
@@ -122,6 +119,14 @@ def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, d
     window = grey[low[1] : high[1], low[0] : high[0]]
     bright = np.exp(-0.5 * squared / sigma**2).astype(np.float32)
     window += bright * np.maximum(250 - window, 0)
+
+
+def out_of_plane(probe: Probe, probe_to_reference: Array, point: Array) -> tuple[float, float]:
+    """Return how far a point is out of the image plane, away from the viewer, and half the slice there, mm."""
+    local = (point - probe_to_reference[:3, 3]) @ probe_to_reference[:3, :3]
+    beam = probe.beam_coordinates(local[None])[0]
+    sigma = float(probe.elevation_sigma(np.clip(beam[0], 0, probe.depth_mm)))
+    return float(local[2]), float(np.sqrt(2 * np.log(2)) * sigma)
 
 
 def tuned(probe: Probe, settings: ImageSettings) -> Probe:

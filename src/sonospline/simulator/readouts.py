@@ -11,10 +11,13 @@ Blocked = Literal["end of needle", "leaves the tissue", "needle inside"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Readouts:
-    """The metrics beside the picture, in mm."""
+    """The numbers beside the picture, in mm; of the needle that is shown.
+
+    While none is in, a console's are from where it would enter; a session's own that need a tip are NaN.
+    """
 
     tip_to_target: float
-    """From the tip to the target where it is now; from the entry while the needle is out."""
+    """From the tip to the target where it is now."""
     depth: float
     """Inserted length."""
     moved: float

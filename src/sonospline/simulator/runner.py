@@ -1,4 +1,4 @@
-"""A session in a thread of its own, at a steady rate: the newest command wins."""
+"""A console in a thread of its own, at a steady rate: the newest command wins."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ from .command import Command
 from .subscription import Callback, ErrorLog, OnError, Subscription, WhenFull
 
 if TYPE_CHECKING:
-    from .session import Session
+    from .console import Console
 
 RATE_HZ = 90.0
 IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
 _FRESH_S = 0.003
+_LONGEST_DT_S = 0.1
+"""Time that passes for the tissue between two steps, at most: while nothing is stepped, it stands still."""
 _LAST_STEP_S = 5.0
 """How long the end of the process waits for steps that are under way."""
 _LAST_FRAME_S = 1.0
@@ -57,19 +59,19 @@ class _Submitted:
     since: float
 
 
-Action = Callable[["Session"], Any]
+Action = Callable[["Console"], Any]
 
 
 class Runner:
-    """Steps a session at a fixed rate, in a thread of its own, and hands every new frame to its subscribers.
+    """Steps a console at a fixed rate, in a thread of its own, and hands every new frame to its subscribers.
 
-    While nothing changes it makes a few frames a second; while the session is frozen, or every
+    While nothing changes it makes a few frames a second; while the console is frozen, or every
     subscriber says that it is not ready, none. A step that fails is logged and reported to all, and
     the last good frame stays.
 
     Parameters
     ----------
-    session : Session
+    console : Console
         Touched by the runner's thread alone from now on; use :meth:`do` for everything but commands.
     rate_hz : float, default: 90
         Most frames a second.
@@ -77,24 +79,24 @@ class Runner:
     Examples
     --------
     >>> import threading
-    >>> from sonospline.simulator import Runner, SceneFile, Session
+    >>> from sonospline.simulator import Console, Runner, SceneFile, Session
     >>> scene = SceneFile.parse('''name = "Small block"
     ... tissue = {source = "gel block", voxel_mm = 1.0, nodes = 5000}
     ... probe = {kind = "linear", frequency_mhz = 3, depth_mm = 40, lines = 64}
     ... needle = {u = -34, angle = 38}
     ... ''')
-    >>> session, seen = Session(scene, model="paper"), threading.Event()
-    >>> with Runner(session) as runner:
+    >>> console, seen = Console(Session(scene, model="paper")), threading.Event()
+    >>> with Runner(console) as runner:
     ...     subscription = runner.subscribe(lambda frame, stamp: seen.set() if stamp.seq == 7 else None)
-    ...     runner.submit(session.scene.start.with_needle(depth=20), 7)
+    ...     runner.submit(console.scene.start.with_needle(depth=20), 7)
     ...     seen.wait(60)
     True
-    >>> session.command.needle.depth, subscription.given > 0, subscription.closed
+    >>> console.command.needle.depth, subscription.given > 0, subscription.closed
     (20, True, True)
     """
 
-    def __init__(self, session: Session, *, rate_hz: float = RATE_HZ) -> None:
-        self.session = session
+    def __init__(self, console: Console, *, rate_hz: float = RATE_HZ) -> None:
+        self.console = console
         self._period = 1 / rate_hz
         self._subscriptions: tuple[Subscription, ...] = ()
         self._queue: deque[_Submitted | Action] = deque()
@@ -177,7 +179,7 @@ class Runner:
             self._changed.notify()
 
     def do(self, action: Action) -> None:
-        """Have something else done to the session, after the commands before it and before those after it."""
+        """Have something else done to the console, after the commands before it and before those after it."""
         with self._changed:
             self._queue.append(action)
             self._changed.notify()
@@ -225,11 +227,12 @@ class Runner:
     def _run(self) -> None:
         begun = -1.0
         while self._wait(begun):
-            begun = time.perf_counter()
+            before, begun = begun, time.perf_counter()
             submitted = self._obey()
+            dt = min(begun - before, _LONGEST_DT_S) if before >= 0 else 0.0
             try:
-                frame = self.session.step(None if submitted is None else submitted.command)
-            except Exception as error:  # the session goes on with its last frame, whatever failed
+                frame = self.console.step(None if submitted is None else submitted.command, dt)
+            except Exception as error:  # the console goes on with its last frame, whatever failed
                 self._restless = False
                 self._report(error)
                 continue
@@ -254,7 +257,7 @@ class Runner:
                     continue  # it became ready meanwhile
                 now = time.perf_counter()
                 busy = bool(self._queue) or self._restless
-                frozen = self.session.command.frozen and self.session.last is not None
+                frozen = self.console.command.frozen and self.console.last is not None
                 due = begun + (self._period if busy else 1 / IDLE_HZ)
                 may = self._is_wanted() and (busy or not frozen)
                 if may and busy:
@@ -284,7 +287,7 @@ class Runner:
             if isinstance(item, _Submitted):
                 return item
             try:
-                item(self.session)
+                item(self.console)
             except Exception as error:
                 self._report(error)
 

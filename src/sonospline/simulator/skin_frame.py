@@ -8,10 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry import pose
 from ..geometry.grid import FACES, Grid
+from ..geometry.needle import Needle
 from .command import NeedleCommand, ProbeCommand
 
 Array = NDArray[np.float64]
+
+_OFF_MM, _OFF_DEG = 1e-3, 1e-3
+"""How far from what the numbers can say a pose may be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,31 @@ class SkinFrame:
         in_plane = np.cos(angle) * self.right + np.sin(angle) * self.depth
         return np.cos(swing) * in_plane + np.sin(swing) * self.out
 
+    def needle(self, command: NeedleCommand) -> Needle | None:
+        """Return the needle in the tissue; None while it is out."""
+        if command.depth == 0:
+            return None
+        entry = self.entry(command)
+        return Needle(entry, entry + command.depth * self.direction(command))
+
+    def needle_command(self, needle: Needle) -> NeedleCommand:
+        """Return the numbers of a needle; the inverse of :meth:`needle`.
+
+        Raises
+        ------
+        ValueError
+            An entry off the skin, or a needle along n, which has no angle.
+        """
+        u, off, v = self.parts(needle.entry - self.origin)
+        if abs(off) > _OFF_MM:
+            where = f"{abs(off):.3g} mm {'below' if off > 0 else 'above'} the skin"
+            raise ValueError(f"entry = {needle.entry.tolist()} is {where}; give where the needle crosses it")
+        right, deep, away = self.parts(needle.direction)
+        if np.hypot(right, deep) < np.sin(np.radians(_OFF_DEG)):
+            raise ValueError(f"needle = {needle} is square to the rest image and has no angle; turn it into the tissue")
+        angle, swing = np.degrees(np.arctan2(deep, right)), np.degrees(np.arctan2(away, np.hypot(right, deep)))
+        return NeedleCommand(u=u, v=v, angle=float(angle), swing=float(swing), depth=needle.depth)
+
     def probe_to_reference(self, command: ProbeCommand, press_mm: float) -> Array:
         """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z away from the viewer.
 
@@ -88,10 +118,38 @@ class SkinFrame:
         x = np.cos(turn) * self.right - np.sin(turn) * self.out
         z = np.cos(turn) * self.out + np.sin(turn) * self.right
         y = np.cos(fan) * self.depth + np.sin(fan) * z
-        pose = np.eye(4)
+        place = np.eye(4)
         origin = self.origin + press_mm * self.depth + command.slide * self.right + command.sweep * self.out
-        pose[:3] = np.column_stack([x, y, np.cos(fan) * z - np.sin(fan) * self.depth, origin])
-        return pose
+        place[:3] = np.column_stack([x, y, np.cos(fan) * z - np.sin(fan) * self.depth, origin])
+        return place
+
+    def probe_command(self, probe_to_reference: ArrayLike, press_mm: float) -> ProbeCommand:
+        """Return the numbers of a probe's pose; the inverse of :meth:`probe_to_reference`.
+
+        Raises
+        ------
+        ValueError
+            A pose that is not rigid, one above or below where it is pressed to, or one that is rocked: turned
+            about its own z, which slide, sweep, rotate and fan do not do.
+        """
+        place = pose.rigid("probe_to_reference", probe_to_reference)
+        slide, deep, sweep = self.parts(place[:3, 3] - self.origin)
+        if abs(deep - press_mm) > _OFF_MM:
+            raise ValueError(
+                f"probe_to_reference has its origin {deep:.4g} mm below the skin; place it {press_mm:g} mm below, as "
+                "the scene presses it"
+            )
+        right, rocked, away = self.parts(place[:3, 0])
+        if abs(rocked) > np.sin(np.radians(_OFF_DEG)):
+            rock = np.degrees(np.arcsin(np.clip(rocked, -1, 1)))
+            raise ValueError(
+                f"probe_to_reference is rocked by {rock:.3g} degrees about its z; give an x along the skin, as slide, "
+                "sweep, rotate and fan leave it"
+            )
+        rotate = np.arctan2(-away, right)
+        turned = np.cos(rotate) * self.out + np.sin(rotate) * self.right
+        fan = np.arctan2(place[:3, 1] @ turned, place[:3, 1] @ self.depth)
+        return ProbeCommand(slide=slide, sweep=sweep, rotate=float(np.degrees(rotate)), fan=float(np.degrees(fan)))
 
     def parts(self, vector: Array) -> tuple[float, float, float]:
         """Return a vector's parts to the right, deeper, and away from the viewer."""

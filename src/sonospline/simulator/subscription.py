@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 from .. import _validate
 
 if TYPE_CHECKING:
+    from .console_frame import ConsoleFrame
     from .runner import Stamp
-    from .shot import Shot
 
 logger = logging.getLogger(__name__)
 
-Callback = Callable[["Shot", "Stamp"], None]
+Callback = Callable[["ConsoleFrame", "Stamp"], None]
 OnError = Callable[[str], None]
 WhenFull = Literal["latest", "refuse"]
 
@@ -34,7 +34,7 @@ _MOST_ERRORS = 16
 class _Waiting(NamedTuple):
     """A frame that waits, and how many before it were lost."""
 
-    frame: Shot
+    frame: ConsoleFrame
     stamp: Stamp
     lost: int
 
@@ -108,7 +108,7 @@ class Subscription:
             self.report(self._said.line_of(error, "a subscriber could not say whether it is ready"))
             return False
 
-    def offer(self, frame: Shot, stamp: Stamp) -> None:
+    def offer(self, frame: ConsoleFrame, stamp: Stamp) -> None:
         """Take a frame, or drop it or an older one; in the runner's thread."""
         with self._changed:
             if self._closed:

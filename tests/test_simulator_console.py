@@ -1,4 +1,4 @@
-"""The session: what a command becomes, the read-outs, passes, freeze, reset, and its thread."""
+"""The console: what a command becomes, the read-outs, passes, freeze, reset, and its inverse."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from msgspec.structs import replace
 import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.models.elastic import ElasticInsertion
-from sonospline.simulator import SceneFile, Session, make_scene
+from sonospline.simulator import Console, SceneFile, Session, make_scene
 from sonospline.simulator.skin_frame import SkinFrame, room_along
 from sonospline.ultrasound import Scanner
 
@@ -32,12 +32,12 @@ def clock():
 
 
 @pytest.fixture
-def session(scene, clock):
-    return Session(scene, clock=clock)
+def console(scene, clock):
+    return Console(Session(scene), clock=clock)
 
 
-def at_depth(session, depth):
-    return session.scene.start.with_needle(depth=depth)
+def at_depth(console, depth):
+    return console.scene.start.with_needle(depth=depth)
 
 
 def the_needle(scene, command):
@@ -47,10 +47,10 @@ def the_needle(scene, command):
 
 def test_the_needle_is_where_the_protocol_says(scene):
     command = replace(scene.start.needle, u=3.0, v=-2.0, angle=60.0, swing=10.0, depth=20.0)
-    frame = scene.frame
-    assert frame.entry(command) == pytest.approx([63, 32, 0])  # n = r x d = -y
+    skin = scene.frame
+    assert skin.entry(command) == pytest.approx([63, 32, 0])  # n = r x d = -y
     c, s = np.cos(np.radians(10)), np.sin(np.radians(10))
-    assert frame.direction(command) == pytest.approx([c * 0.5, -s, c * np.sqrt(3) / 2])
+    assert skin.direction(command) == pytest.approx([c * 0.5, -s, c * np.sqrt(3) / 2])
 
 
 def test_the_probe_is_where_the_protocol_says(scene):
@@ -81,11 +81,11 @@ def test_room_is_counted_to_the_wall():
 @pytest.mark.parametrize("model", ["paper", "kelvinlet", "elastic"])
 def test_the_target_moves_as_the_library_computes(scene, model):
     """The issue's 0.01 mm, for the same pose, however the needle got there."""
-    session = Session(scene, model=model)
+    console = Console(Session(scene, model=model))
     for depth in (10.0, 30.0, 50.0, 41.0):
-        session.step(at_depth(session, depth))
-    shot = session.settle()
-    needle = the_needle(scene, shot.command)
+        console.step(at_depth(console, depth))
+    frame = console.settle()
+    needle = the_needle(scene, frame.command)
     if model == "elastic":
         insertion = ElasticInsertion(scene.tissue, scene.tissues, nodes=scene.spec.model.solver_nodes)
         insertion.advance(needle)
@@ -96,18 +96,18 @@ def test_the_target_moves_as_the_library_computes(scene, model):
         field = ss.Insertion(scene.tissue).advance(needle)
     moved = field.displacement(scene.targets["vessel"][None])[0]
     assert np.linalg.norm(moved) > 0.2
-    assert shot.target_now - shot.target_rest == pytest.approx(moved, abs=0.01)
-    assert shot.readouts.moved == pytest.approx(np.linalg.norm(moved), abs=0.01)
+    assert frame.target_now - frame.target_rest == pytest.approx(moved, abs=0.01)
+    assert frame.readouts.moved == pytest.approx(np.linalg.norm(moved), abs=0.01)
     parts = [moved @ d for d in (scene.frame.right, scene.frame.depth, scene.frame.out)]
-    assert shot.readouts.moved_parts == pytest.approx(parts, abs=0.01)
+    assert frame.readouts.moved_parts == pytest.approx(parts, abs=0.01)
     to_target = np.linalg.norm(scene.targets["vessel"] + moved - needle.tip)
-    assert shot.readouts.tip_to_target == pytest.approx(to_target, abs=0.01)
+    assert frame.readouts.tip_to_target == pytest.approx(to_target, abs=0.01)
 
 
-def test_pulling_back_returns_to_rest(session):
-    at_rest = session.step()
-    session.step(at_depth(session, 40.0))
-    out = session.step(at_depth(session, 0.0))
+def test_pulling_back_returns_to_rest(console):
+    at_rest = console.step()
+    console.step(at_depth(console, 40.0))
+    out = console.step(at_depth(console, 0.0))
     assert out.readouts.moved == 0
     assert out.needle is None
     assert (out.target_now == at_rest.target_now).all()
@@ -115,50 +115,50 @@ def test_pulling_back_returns_to_rest(session):
 
 
 def test_every_pixel_is_the_librarys(scene):
-    session = Session(scene)
-    session.step()
-    session.step(at_depth(session, 25.0))
-    session.settle()
-    command = at_depth(session, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
-    shot = session.step(command)
+    console = Console(Session(scene))
+    console.step()
+    console.step(at_depth(console, 25.0))
+    console.settle()
+    command = at_depth(console, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
+    frame = console.step(command)
     pose = scene.frame.probe_to_reference(command.probe, scene.spec.probe.press_mm)
     scanner = Scanner(scene.see(scene.probe, pose)._scanner.phantom, scene.probe, pose, margin_mm=8.0)
     scanner = scanner.with_display(gain_db=scanner.display.gain_db + 3.0)
-    field = ss.GridField.of(session._insertions["elastic"].field)
-    expected = scanner.render(field, the_needle(scene, command), frame=shot.number).frame
-    assert (shot.image.pixels == expected.pixels).all()
-    assert shot.image.pixels.std() > 5
+    field = ss.GridField.of(frame.response.field)
+    expected = scanner.render(field, the_needle(scene, command), frame=frame.number).frame
+    assert (frame.image.pixels == expected.pixels).all()
+    assert frame.image.pixels.std() > 5
 
 
-def test_probe_and_knobs_change_the_picture(session):
-    rest = session.step()
-    swept = session.step(session.command.with_probe(sweep=4.0))
+def test_probe_and_knobs_change_the_picture(console):
+    rest = console.step()
+    swept = console.step(console.command.with_probe(sweep=4.0))
     assert (swept.image.pixels != rest.image.pixels).mean() > 0.3
     assert swept.readouts.out_of_plane == pytest.approx(-4.0)  # the tip stayed, the plane went towards the viewer
-    deeper = session.step(session.command.with_image(depth=40.0, frequency=2.5, focus=15.0))
+    deeper = console.step(console.command.with_image(depth=40.0, frequency=2.5, focus=15.0))
     assert deeper.image.plane.spacing_mm[0] > rest.image.plane.spacing_mm[0]
-    louder = session.step(session.command.with_image(gain=10.0))
+    louder = console.step(console.command.with_image(gain=10.0))
     assert louder.image.pixels.mean() > deeper.image.pixels.mean() + 5
 
 
-def test_what_is_physically_blocked_is_clamped(session):
-    long = session.step(at_depth(session, 80.0))
+def test_what_is_physically_blocked_is_clamped(console):
+    long = console.step(at_depth(console, 80.0))
     assert (long.blocked, long.command.needle.depth) == ("end of needle", 80.0)
-    session.undo_pass()
-    steep = at_depth(session, 79.0).with_needle(angle=90.0)
-    through = session.step(steep)
+    console.undo_pass()
+    steep = at_depth(console, 79.0).with_needle(angle=90.0)
+    through = console.step(steep)
     assert through.blocked == "leaves the tissue"
     assert through.command.needle.depth == pytest.approx(70.0, abs=0.01)
-    assert session.scene.tissue.grid.contains(through.tip).all()
+    assert console.scene.tissue.grid.contains(through.tip).all()
 
 
-def test_a_needle_inside_keeps_its_entry_and_turns_a_little(session):
-    session.step(at_depth(session, 30.0))
-    shot = session.step(session.command.with_needle(u=-20.0, angle=60.0))
-    assert shot.blocked == "needle inside"
-    assert (shot.command.needle.u, shot.command.needle.angle) == (-34.0, 43.0)
-    assert session.step(at_depth(session, 31.0).with_needle(angle=40.0)).blocked is None
-    out = session.step(session.command.with_needle(u=-20.0, angle=60.0, depth=0.0))
+def test_a_needle_inside_keeps_its_entry_and_turns_a_little(console):
+    console.step(at_depth(console, 30.0))
+    frame = console.step(console.command.with_needle(u=-20.0, angle=60.0))
+    assert frame.blocked == "needle inside"
+    assert (frame.command.needle.u, frame.command.needle.angle) == (-34.0, 43.0)
+    assert console.step(at_depth(console, 31.0).with_needle(angle=40.0)).blocked is None
+    out = console.step(console.command.with_needle(u=-20.0, angle=60.0, depth=0.0))
     assert (out.blocked, out.command.needle.u, out.command.needle.angle) == (None, -20.0, 60.0)
 
 
@@ -166,91 +166,91 @@ def test_a_needle_inside_keeps_its_entry_and_turns_a_little(session):
     ("part", "change"),
     [("needle", {"depth": float("nan")}), ("needle", {"u": 1e9}), ("probe", {"fan": 91.0}), ("image", {"depth": 0.0})],
 )
-def test_nonsense_is_refused_and_changes_nothing(session, part, change):
-    before = session.step(at_depth(session, 20.0))
+def test_nonsense_is_refused_and_changes_nothing(console, part, change):
+    before = console.step(at_depth(console, 20.0))
     with pytest.raises(ValueError, match=rf"{part}.{next(iter(change))} = .* is out of range; give"):
-        session.step(getattr(session.command, f"with_{part}")(**change))
-    assert session.command == before.command
-    assert session.last is before
+        console.step(getattr(console.command, f"with_{part}")(**change))
+    assert console.command == before.command
+    assert console.last is before
 
 
-def test_a_pass_is_counted(session, clock):
-    session.step()
+def test_a_pass_is_counted(console, clock):
+    console.step()
     for depth in (10.0, 20.0, 15.0):
         clock.now += 1
-        shot = session.step(at_depth(session, depth).with_probe(sweep=0.0))
-    assert shot.metrics.passes == 1
-    assert shot.metrics.tip_path_mm == pytest.approx(15.0)
-    assert shot.metrics.time_s == pytest.approx(2.0)
-    shot = session.step(session.command.with_probe(sweep=-3.0))
-    assert shot.metrics.max_off_plane_mm == pytest.approx(3.0)
-    session.step(at_depth(session, 0.0))
-    assert session.step(at_depth(session, 5.0)).metrics.passes == 2
+        frame = console.step(at_depth(console, depth).with_probe(sweep=0.0))
+    assert frame.metrics.passes == 1
+    assert frame.metrics.tip_path_mm == pytest.approx(15.0)
+    assert frame.metrics.time_s == pytest.approx(2.0)
+    frame = console.step(console.command.with_probe(sweep=-3.0))
+    assert frame.metrics.max_off_plane_mm == pytest.approx(3.0)
+    console.step(at_depth(console, 0.0))
+    assert console.step(at_depth(console, 5.0)).metrics.passes == 2
 
 
-def test_undo_takes_a_pass_back(session):
-    session.step(at_depth(session, 20.0))
-    first = session.step(at_depth(session, 0.0)).metrics
-    session.step(at_depth(session, 35.0))
-    session.undo_pass()
-    shot = session.step()
-    assert shot.needle is None
-    assert (shot.metrics.passes, shot.metrics.tip_path_mm) == (first.passes, first.tip_path_mm)
-    session.undo_pass()
-    assert session.step().metrics.passes == 0
+def test_undo_takes_a_pass_back(console):
+    console.step(at_depth(console, 20.0))
+    first = console.step(at_depth(console, 0.0)).metrics
+    console.step(at_depth(console, 35.0))
+    console.undo_pass()
+    frame = console.step()
+    assert frame.needle is None
+    assert (frame.metrics.passes, frame.metrics.tip_path_mm) == (first.passes, first.tip_path_mm)
+    console.undo_pass()
+    assert console.step().metrics.passes == 0
 
 
-def test_freeze_holds_everything(session, clock):
-    session.step(at_depth(session, 20.0))
-    shot = session.step(at_depth(session, 20.0))
-    frozen = session.step(replace(at_depth(session, 40.0).with_probe(sweep=5.0), frozen=True))
-    assert frozen.command == replace(shot.command, frozen=True)
-    assert frozen.image is shot.image
+def test_freeze_holds_everything(console, clock):
+    console.step(at_depth(console, 20.0))
+    frame = console.step(at_depth(console, 20.0))
+    frozen = console.step(replace(at_depth(console, 40.0).with_probe(sweep=5.0), frozen=True))
+    assert frozen.command == replace(frame.command, frozen=True)
+    assert frozen.image is frame.image
     clock.now += 50
-    again = session.step(replace(session.command, frozen=False))
+    again = console.step(replace(console.command, frozen=False))
     assert again.command.needle.depth == 20.0
     assert again.metrics.time_s < 1  # frozen time does not count
 
 
-def test_a_reset_can_be_undone_for_a_while(session, clock):
-    moved = session.step(at_depth(session, 25.0).with_probe(sweep=2.0))
-    session.reset()
-    start = session.step()
-    assert start.command == session.scene.start
+def test_a_reset_can_be_undone_for_a_while(console, clock):
+    moved = console.step(at_depth(console, 25.0).with_probe(sweep=2.0))
+    console.reset()
+    start = console.step()
+    assert start.command == console.scene.start
     assert start.metrics.passes == 0
     clock.now += 7.9
-    session.restore()
-    back = session.step()
+    console.restore()
+    back = console.step()
     assert back.command == moved.command
     assert back.metrics.passes == 1
     assert back.readouts.moved == pytest.approx(moved.readouts.moved, abs=0.1)
     with pytest.raises(ValueError, match="no reset of the last 8 s"):
-        session.restore()
-    session.reset()
+        console.restore()
+    console.reset()
     clock.now += 8.1
     with pytest.raises(ValueError, match="no reset"):
-        session.restore()
+        console.restore()
 
 
-def test_models_switch_at_the_same_pose(session):
-    shots = {}
+def test_models_switch_at_the_same_pose(console):
+    frames = {}
     for model in ("elastic", "paper", "kelvinlet", "elastic"):
-        session.switch(model)
-        shots[model] = session.settle(at_depth(session, 36.0))
-    assert len({shot.command for shot in shots.values()}) == 1
-    assert len({round(shot.readouts.moved, 3) for shot in shots.values()}) == 3
-    assert shots["paper"].readouts.estimate is None
-    assert 0 < shots["elastic"].readouts.estimate < 1e-3
+        console.session.switch(model)
+        frames[model] = console.settle(at_depth(console, 36.0))
+    assert len({frame.command for frame in frames.values()}) == 1
+    assert len({round(frame.readouts.moved, 3) for frame in frames.values()}) == 3
+    assert frames["paper"].readouts.estimate is None
+    assert 0 < frames["elastic"].readouts.estimate < 1e-3
     with pytest.raises(ValueError, match="model = 'magic' is not known; choose one of paper"):
-        session.switch("magic")
+        console.session.switch("magic")
 
 
-def test_targets_are_chosen(session):
-    session.choose_target("beside")
-    shot = session.step(at_depth(session, 30.0))
-    assert shot.target_rest == pytest.approx([70, 34, 20])
+def test_targets_are_chosen(console):
+    console.session.choose_target("beside")
+    frame = console.step(at_depth(console, 30.0))
+    assert frame.target_rest == pytest.approx([70, 34, 20])
     with pytest.raises(ValueError, match="target = 'nowhere' is not known"):
-        session.choose_target("nowhere")
+        console.session.choose_target("nowhere")
 
 
 def test_folding_tissue_is_seen(scene):

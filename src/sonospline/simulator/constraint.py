@@ -1,0 +1,67 @@
+"""What the tissue allows of a command: how deep the needle can go, and how far one inside can be turned."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from .command import Command, NeedleCommand
+from .readouts import Blocked
+from .scene import Scene
+from .skin_frame import room_along
+
+STEER_DEG = 5.0
+"""How far a needle inside can be turned from the direction it entered in."""
+_OUT_MM = 0.05
+"""A needle less deep than this is out."""
+_INSIDE_MM = 1e-3
+"""Room left between a tip and the far side of the box."""
+
+
+class Constrained(NamedTuple):
+    """A command as far as needle and tissue allow it, and why it goes no further."""
+
+    command: Command
+    blocked: Blocked | None
+
+
+def constrain(scene: Scene, command: Command, entered: NeedleCommand | None) -> Constrained:
+    """Return a command as far as needle and tissue allow it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where it is given.
+    command : Command
+        What the hand asks for.
+    entered : NeedleCommand or None
+        How the needle that is inside went in.
+    """
+    needle = command.needle
+    if needle.depth < _OUT_MM:
+        return Constrained(command.with_needle(depth=0.0), None)
+    blocked: Blocked | None = None
+    if entered is not None:
+        held = _held(needle, entered)
+        blocked = None if held == needle else "needle inside"
+        needle = held
+    frame, length = scene.frame, scene.spec.needle.length_mm
+    room = room_along(scene.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
+    if needle.depth > room:
+        needle, blocked = replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
+    elif needle.depth >= length:
+        needle, blocked = replace(needle, depth=length), "end of needle"
+    return Constrained(replace(command, needle=needle), blocked)
+
+
+def _held(command: NeedleCommand, entered: NeedleCommand) -> NeedleCommand:
+    """A needle inside keeps its entry and turns but a little from the direction it entered in."""
+    return replace(
+        command,
+        u=entered.u,
+        v=entered.v,
+        angle=float(np.clip(command.angle, entered.angle - STEER_DEG, entered.angle + STEER_DEG)),
+        swing=float(np.clip(command.swing, entered.swing - STEER_DEG, entered.swing + STEER_DEG)),
+    )
