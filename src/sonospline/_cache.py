@@ -31,15 +31,19 @@ def place(*parts: str) -> Path | None:
     A user without a home folder, as in many containers, has none.
     """
     named = os.environ.get("SONOSPLINE_CACHE")
-    shared = os.environ.get("XDG_CACHE_HOME", "")
-    if not named and Path(shared).is_absolute():  # its specification has relative ones ignored
-        named = str(Path(shared, "sonospline"))
     try:
-        return Path(named or "~/.cache/sonospline").expanduser().joinpath(*parts)
-    except RuntimeError:
+        folder = Path(named).expanduser() if named else _users_folder()
+    except RuntimeError:  # no home
         if named:
             logger.warning("SONOSPLINE_CACHE = %r names a home folder that is not there; nothing is kept", named)
         return None
+    return folder.joinpath(*parts) if named or folder.is_absolute() else None
+
+
+def _users_folder() -> Path:
+    from platformdirs import user_cache_path  # its import takes longer than that of the package
+
+    return user_cache_path("sonospline", appauthor=False)
 
 
 def digest(*parts: object) -> str:
