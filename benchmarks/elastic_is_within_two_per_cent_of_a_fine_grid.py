@@ -13,8 +13,8 @@ import sys
 import numpy as np
 
 import sonospline as ss
-from sonospline.mechanics import LineForce
-from sonospline.models.elastic import SCENES, ElasticSolver, scene
+from sonospline.mechanics import LABELLED_CUBES, LineForce, labelled_cube
+from sonospline.models.elastic import ElasticSolver
 from sonospline.study.insertions import held_out_insertions
 
 FRAMES = 60
@@ -52,8 +52,8 @@ def insertion(solver, whole):
 
 
 published, missed, drawn_back = [], 0, []
-for name in SCENES:
-    tissues = scene(name)
+for name in LABELLED_CUBES:
+    tissues = labelled_cube(name)
     reference = ElasticSolver(display, tissues, nodes=97**3)
     solvers = {side: ElasticSolver(display, tissues, nodes=side**3) for side in (25, 49)}
     limits = {side: (limit["body" if name == "body" else "simple"], limit["tip"]) for side, limit in LIMITS.items()}

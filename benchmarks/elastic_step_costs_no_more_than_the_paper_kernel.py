@@ -14,8 +14,8 @@ import numpy as np
 
 import sonospline as ss
 from sonospline import _core
-from sonospline.mechanics import LineForce
-from sonospline.models.elastic import ElasticSolver, scene
+from sonospline.mechanics import LineForce, labelled_cube
+from sonospline.models.elastic import ElasticSolver
 
 ROUNDS, IN_A_ROW = 8, 10
 LOAD = LineForce()
@@ -49,7 +49,7 @@ class Elastic:
         self.name += f", {threads} thread" if threads else ""
         self._resampled, self._threads = resampled, threads
         with_threads(threads)
-        self.setup_ms, self._solver = milliseconds(lambda: ElasticSolver(tissue, scene("body"), nodes=side**3))
+        self.setup_ms, self._solver = milliseconds(lambda: ElasticSolver(tissue, labelled_cube("body"), nodes=side**3))
         self._state = self._solver.rest
         self.step(needles[0])
 
@@ -99,7 +99,7 @@ paper = times[peers[0].name]
 for name, rounds in times.items():
     ratio = statistics.median(t / p for t, p in zip(rounds, paper, strict=True))
     print(f"{name:50s} {statistics.median(rounds):7.2f} ms  (min {min(rounds):.2f})  {ratio:5.2f} x the paper's kernel")
-tissues = scene("body")
+tissues = labelled_cube("body")
 setup = [milliseconds(lambda: ElasticSolver(tissue, tissues, nodes=53**3))[0] for _ in range(5)]
 print(f"set-up of a label map at 53^3: {statistics.median(setup):.0f} ms (min {min(setup):.0f})")
 if "--factor" in sys.argv:

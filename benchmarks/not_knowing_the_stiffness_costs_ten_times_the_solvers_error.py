@@ -12,8 +12,8 @@ import numpy as np
 
 import sonospline as ss
 from sonospline.geometry.volume import Volume
-from sonospline.mechanics import LineForce, Material, TissueMap
-from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
+from sonospline.mechanics import LABELLED_CUBES, LineForce, Material, TissueMap, labelled_cube
+from sonospline.models.elastic import ElasticInsertion, ElasticSolver
 from sonospline.study.insertions import held_out_insertions
 
 SIDE, FINE, FRAMES, DRAWS = 25, 49, 60, 8
@@ -64,8 +64,8 @@ def shifted(tissues, axis, sign):
 print(
     f"{'scene':12s} {'off 10 %':>9s} {'off 30 %':>9s} {'shifted':>9s} {'one E':>9s} {'solver':>9s}   30 % over solver"
 )
-for name in SCENES:
-    tissues = scene(name)
+for name in LABELLED_CUBES:
+    tissues = labelled_cube(name)
     truth = converged(tissues)
     fine = converged(tissues, FINE)[:, :, ::2, ::2, ::2]
     off = [off_by(spread, tissues, truth) for spread in (0.1, 0.3)]

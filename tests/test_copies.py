@@ -11,8 +11,8 @@ import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.fem import FiniteElementModel
 from sonospline.geometry import facing
-from sonospline.mechanics import LineForce
-from sonospline.models.elastic import ElasticInsertion, scene
+from sonospline.mechanics import LineForce, labelled_cube
+from sonospline.models.elastic import ElasticInsertion
 from sonospline.simulator import Console, SceneFile, Session
 from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 
@@ -45,7 +45,7 @@ def moving_mesh():
 
 
 def elastic():
-    insertion = ElasticInsertion(tissue(), scene("layers", side=SIDE), nodes=9**3)
+    insertion = ElasticInsertion(tissue(), labelled_cube("layers", side=SIDE), nodes=9**3)
     insertion.advance(needle(0.2))
     return insertion
 
@@ -187,7 +187,7 @@ def _go_on(pair):
     "thing",
     [
         tissue(), tissue().grid, needle(0.5), ss.NeedleTissueModel.paper(), ss.DragModel.kelvinlet(),
-        Probe.curvilinear(), NeedleEcho.trocar(), Display(), scene("layers"), SceneFile.parse(SMALL),
+        Probe.curvilinear(), NeedleEcho.trocar(), Display(), labelled_cube("layers"), SceneFile.parse(SMALL),
     ],
     ids=lambda thing: type(thing).__name__,
 )  # fmt: skip

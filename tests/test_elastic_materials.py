@@ -5,8 +5,8 @@ import pytest
 
 import sonospline as ss
 from sonospline.geometry.volume import Volume
-from sonospline.mechanics import FLUID_SHEAR, MaterialTable, TissueMap, TissueMaterial, read_label_names
-from sonospline.models.elastic import ElasticSolver, largest_strain, scene
+from sonospline.mechanics import FLUID_SHEAR, MaterialTable, TissueMap, TissueMaterial, labelled_cube, read_label_names
+from sonospline.models.elastic import ElasticSolver, largest_strain
 
 SOFT, STIFF = TissueMaterial(stiffness_kpa=1), TissueMaterial(stiffness_kpa=16)
 BONE = TissueMaterial(stiffness_kpa=1000, rigid=True)
@@ -152,4 +152,4 @@ def test_the_strain_is_found_where_it_is_largest(a_tilted_grid):
 
 def test_scenes_hold_their_tissues():
     for name, count in (("homogeneous", 1), ("layers", 3), ("body", 7)):
-        assert len(scene(name, voxels=48).materials) == count
+        assert len(labelled_cube(name, voxels=48).materials) == count

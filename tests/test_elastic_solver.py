@@ -5,12 +5,22 @@ import pytest
 
 import sonospline as ss
 from builds import needs_core
-from elastic_scenes import away_from_reference, bone_of, consistent_load
+from labelled_tissue import away_from_reference, bone_of, consistent_load
 from sonospline import _core
 from sonospline.fem import FiniteElementModel
 from sonospline.geometry.volume import Volume
-from sonospline.mechanics import LineForce, Load, Material, ShaftDisplacement, TissueForce, TissueMap, TissueMaterial
-from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, NotConvergedError, scene, solver_grid
+from sonospline.mechanics import (
+    LABELLED_CUBES,
+    LineForce,
+    Load,
+    Material,
+    ShaftDisplacement,
+    TissueForce,
+    TissueMap,
+    TissueMaterial,
+    labelled_cube,
+)
+from sonospline.models.elastic import ElasticInsertion, ElasticSolver, NotConvergedError, solver_grid
 from sonospline.models.elastic.load_vector import nodal_load
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
@@ -56,19 +66,19 @@ def test_another_face_is_free_and_the_box_any(face, a_rotation):
     assert difference(solver.field(state).values, expected) < 1e-4
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
 def test_every_scene_converges_to_the_field_of_scikit_fem(name, ratio):
     pytest.importorskip("skfem")
-    assert away_from_reference(scene(name, voxels=48, poissons_ratio=ratio), 9, solver="direct") < 3e-4
+    assert away_from_reference(labelled_cube(name, voxels=48, poissons_ratio=ratio), 9, solver="direct") < 3e-4
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
 def test_every_scene_converges_to_the_field_of_scikit_fem_on_a_finer_grid(name, ratio):
     pytest.importorskip("skfem")
-    assert away_from_reference(scene(name, poissons_ratio=ratio), 17, solver="direct") < 3e-4
+    assert away_from_reference(labelled_cube(name, poissons_ratio=ratio), 17, solver="direct") < 3e-4
 
 
 @pytest.mark.parametrize("contrast", [1e4, 1e6])
@@ -80,7 +90,7 @@ def test_a_high_contrast_converges_to_the_field_of_scikit_fem(contrast):
 @pytest.mark.parametrize("name", ["bone", "body"])
 def test_full_integration_converges_to_the_field_of_scikit_fem(name):
     pytest.importorskip("skfem")
-    assert away_from_reference(scene(name, voxels=48), 9, integration="full", solver="direct") < 3e-4
+    assert away_from_reference(labelled_cube(name, voxels=48), 9, integration="full", solver="direct") < 3e-4
 
 
 def test_the_load_is_the_consistent_one_of_the_reference_wherever_the_needle_points(a_tilted_grid):
@@ -102,7 +112,7 @@ def test_the_load_is_the_consistent_one_of_the_reference_wherever_the_needle_poi
 
 
 def test_the_pinned_faces_carry_the_whole_load():
-    solver = ElasticSolver(cube(), scene("body", voxels=48), nodes=SMALL)
+    solver = ElasticSolver(cube(), labelled_cube("body", voxels=48), nodes=SMALL)
     state = solver.solve(LineForce(), NEEDLE, tolerance=1e-4)
     total = state.load.reshape(3, -1).sum(axis=1, dtype=float)
     assert np.linalg.norm(solver.reaction(state) + total) < 1e-3 * np.linalg.norm(total)
@@ -118,7 +128,7 @@ def test_the_forces_are_the_newtons_asked_for():
 
 def test_tissue_half_as_stiff_moves_twice_as_far():
     states = [
-        ElasticSolver(cube(), scene("body", voxels=48, stiffness_kpa=e), nodes=SMALL).step(
+        ElasticSolver(cube(), labelled_cube("body", voxels=48, stiffness_kpa=e), nodes=SMALL).step(
             ElasticSolver(cube(), nodes=SMALL).rest, LineForce(), NEEDLE
         )
         for e in (1.0, 0.5)
@@ -127,14 +137,14 @@ def test_tissue_half_as_stiff_moves_twice_as_far():
 
 
 def test_tissues_of_one_friction_load_as_a_uniform_line(rng):
-    load = TissueForce(tissues=scene("layers", side=100), width=5.0)
+    load = TissueForce(tissues=labelled_cube("layers", side=100), width=5.0)
     uniform = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5.0)
     needle, points = ss.Needle((0, 50, 50), (60, 50, 50)), rng.uniform(0, 100, (300, 3))
     np.testing.assert_allclose(load.body_force(points, needle), uniform.body_force(points, needle), atol=1e-9)
 
 
 def test_friction_is_that_of_the_tissue_along_the_shaft():
-    tissues = scene("layers", side=90)
+    tissues = labelled_cube("layers", side=90)
     slippery = TissueMaterial(stiffness_kpa=1, friction_n_per_mm=0.0, cutting_force_n=0.2)
     load = TissueForce(tissues=TissueMap(tissues.labels, {**tissues.materials, 1: slippery}))
     assert load.total_force(ss.Needle((0, 45, 45), (45, 45, 45))) == pytest.approx(1000 * (0.03 * 30 + 0.2), rel=0.03)
@@ -156,15 +166,15 @@ def error_of(solver, state, tolerance=1e-5, needle=NEEDLE):
 
 @pytest.mark.parametrize(("name", "limit"), [("homogeneous", 0.01), ("layers", 0.01), ("bone", 0.03), ("body", 0.04)])
 def test_one_iteration_or_two_keep_up_with_the_needle(name, limit):
-    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)
     *_, last = pushed(solver, 40)
     assert last.iterations <= 2
     assert error_of(solver, last) < limit
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 def test_a_sudden_withdrawal_is_caught_within_three_iterations(name):
-    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)
     *_, deep = pushed(solver, 40)
     half = ss.Needle(NEEDLE.entry, NEEDLE.at(0.5))
     found = solver.step(deep, LineForce(), half)
@@ -206,16 +216,16 @@ def test_a_step_that_breaks_down_keeps_the_last_field(monkeypatch):
 
 def test_an_unreachable_tolerance_says_so(monkeypatch):
     monkeypatch.setattr("sonospline.models.elastic.solver._MOST_ITERATIONS", 4)
-    solver = ElasticSolver(cube(), scene("bone", voxels=48), nodes=SMALL)
+    solver = ElasticSolver(cube(), labelled_cube("bone", voxels=48), nodes=SMALL)
     with pytest.raises(NotConvergedError, match=r"error estimate is .* above tolerance"):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-6)
     with pytest.raises(ValueError, match="tolerance = 1e-09 is below what float32 resolves"):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-9)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 def test_the_published_error_is_the_true_one_or_a_few_times_that(name):
-    solver = ElasticSolver(cube(), scene(name, voxels=48), nodes=SMALL)
+    solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)
     ratios = []
     for step, state in enumerate(pushed(solver, 40), 1):
         if step % 3 == 0:
@@ -292,7 +302,7 @@ def test_the_twin_runs_the_same_insertion(monkeypatch):
     found = []
     for backend in (_core.native, _core.twin):
         monkeypatch.setattr(_core, "active", backend)
-        solver = ElasticSolver(cube(9), scene("layers", voxels=24), nodes=9**3)
+        solver = ElasticSolver(cube(9), labelled_cube("layers", voxels=24), nodes=9**3)
         *_, last = pushed(solver, 5)
         found.append(solver.field(last).on_grid())
     assert difference(found[0], found[1]) < 2e-5

@@ -12,12 +12,11 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference, manufactured_error, patch_error
-from elastic_scenes import away_from_reference, bone_of
+from labelled_tissue import away_from_reference, bone_of
 from sonospline._extras import MissingExtraError
 from sonospline.fem import FiniteElementModel, fenicsx, reference_history
 from sonospline.fem.fenicsx import FEniCSx
-from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
-from sonospline.models.elastic import SCENES, scene
+from sonospline.mechanics import LABELLED_CUBES, CellMaterial, LineForce, Material, ShaftDisplacement, labelled_cube
 
 ELEMENTS = ("hexahedron", "tetrahedron")
 SOLVERS = ("multigrid", "direct", "from_scratch")
@@ -81,9 +80,9 @@ def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_obli
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 def test_the_live_solver_converges_to_its_field_in_every_scene(name, ratio):
-    tissues = scene(name, voxels=48, poissons_ratio=ratio)
+    tissues = labelled_cube(name, voxels=48, poissons_ratio=ratio)
     assert away_from_reference(tissues, 9, engine="fenicsx", solver="direct") < 3e-4
 
 
@@ -92,9 +91,9 @@ def test_the_live_solver_converges_to_its_field_beside_rigid_bone():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", LABELLED_CUBES)
 def test_the_live_solver_converges_to_its_field_on_a_finer_grid(name):
-    assert away_from_reference(scene(name), 17, engine="fenicsx", solver="direct") < 3e-4
+    assert away_from_reference(labelled_cube(name), 17, engine="fenicsx", solver="direct") < 3e-4
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 import sonospline as ss
 from sonospline import models
-from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueForce, TissueMap
-from sonospline.models.elastic import ElasticModel, scene
+from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueForce, TissueMap, labelled_cube
+from sonospline.models.elastic import ElasticModel
 
 SIDE = 100.0
 GRIDS = {
@@ -28,7 +28,7 @@ POSES = [  # entry and tip, in sides of the box from node 0
 
 def labelled(grid):
     """The generated body, with bone and fluid, lying as the grid does."""
-    tissues = scene("body", side=SIDE, stiffness_kpa=10, voxels=24)
+    tissues = labelled_cube("body", side=SIDE, stiffness_kpa=10, voxels=24)
     voxels = tissues.labels
     turned = ss.geometry.Volume(
         voxels=voxels.voxels,
@@ -98,7 +98,7 @@ def test_the_force_is_the_total_of_the_load_but_for_what_lies_beyond_the_faces()
     ("load", "total"),
     [
         (LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5), 0.03 * 60 + 0.7),
-        (TissueForce(scene("layers", side=SIDE)), 0.03 * 60 + 0.7),
+        (TissueForce(labelled_cube("layers", side=SIDE)), 0.03 * 60 + 0.7),
     ],
 )
 def test_the_total_of_a_load_is_the_integral_of_its_body_force(load, total):
@@ -111,4 +111,4 @@ def test_the_total_of_a_load_is_the_integral_of_its_body_force(load, total):
 def test_a_load_of_displacements_states_no_force():
     with pytest.raises(ValueError, match="states no force; solve for it, or give a LineForce"):
         ShaftDisplacement().total_force(ss.Needle((0, 0.5, 0.5), (0.5, 0.5, 0.5)))
-    assert not isinstance(TissueForce(scene("layers")), LineForce)
+    assert not isinstance(TissueForce(labelled_cube("layers")), LineForce)

@@ -8,8 +8,8 @@ import pytest
 
 import sonospline as ss
 from sonospline import models
-from sonospline.mechanics import LineForce, Material, TissueMap
-from sonospline.models.elastic import NotConvergedError, scene
+from sonospline.mechanics import LineForce, Material, TissueMap, labelled_cube
+from sonospline.models.elastic import NotConvergedError
 
 SIDE = 100.0
 STEPS = (10, 20, 60, 200)
@@ -142,7 +142,7 @@ CASES = {
     "incremental": lambda: models.make("paper", ss.Tissue(BLOCK), accumulation="incremental"),
     "all anchors": lambda: models.make("paper", ss.Tissue(ss.Grid(shape=(9,) * 3, spacing=SIDE / 8)), anchors="all"),
     "labelled": lambda: models.make(
-        "elastic", ss.Tissue(BLOCK), scene("body", side=SIDE, voxels=24), solver_nodes=9**3
+        "elastic", ss.Tissue(BLOCK), labelled_cube("body", side=SIDE, voxels=24), solver_nodes=9**3
     ),
 }
 

@@ -6,9 +6,9 @@ import pytest
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel
-from sonospline.mechanics import CellMaterial, LineForce, ShaftDisplacement
-from sonospline.models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
-from sonospline.models.elastic.labelled_cubes import TISSUES
+from sonospline.mechanics import LABELLED_CUBES, CellMaterial, LineForce, ShaftDisplacement, labelled_cube
+from sonospline.mechanics.labelled_cubes import TISSUES
+from sonospline.models.elastic import ElasticInsertion, ElasticSolver
 from sonospline.study import models_compared as models
 from sonospline.study.held_shaft import held_shaft
 from sonospline.study.insertions import held_out_insertions
@@ -24,7 +24,7 @@ def cube(nodes):
 @pytest.mark.parametrize("name", ["homogeneous", "layers", "body"])
 def test_a_held_shaft_is_that_of_scikit_fem(name):
     pytest.importorskip("skfem")
-    solver = ElasticSolver(cube(9), scene(name, voxels=48), nodes=9**3)
+    solver = ElasticSolver(cube(9), labelled_cube(name, voxels=48), nodes=9**3)
     cells = CellMaterial(solver.moduli.lame, solver.moduli.shear)
     model = FiniteElementModel(cube(9), cells, integration="mean_dilatation", solver="direct")
     assert largest_difference(held_shaft(solver, HELD, NEEDLE), model.solve(HELD, NEEDLE)) < 1e-4
@@ -37,7 +37,7 @@ def test_a_shaft_between_the_nodes_is_refused():
 
 
 def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
-    insertion = ElasticInsertion(cube(9), scene("layers", voxels=24), LineForce(), nodes=9**3)
+    insertion = ElasticInsertion(cube(9), labelled_cube("layers", voxels=24), LineForce(), nodes=9**3)
     needles = [ss.Needle(NEEDLE.entry, NEEDLE.at(depth)) for depth in (0.5, 1.0)]
     fields = models._live(insertion, needles, frames=7)
     assert insertion.solution.steps == 7
@@ -48,8 +48,8 @@ def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
 
 
 def test_every_scene_names_its_tissues():
-    for name in SCENES:
-        assert len(TISSUES[name]) == len(scene(name).materials)
+    for name in LABELLED_CUBES:
+        assert len(TISSUES[name]) == len(labelled_cube(name).materials)
 
 
 def test_errors_by_tissue_are_of_that_tissue_alone():

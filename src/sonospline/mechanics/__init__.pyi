@@ -1,3 +1,5 @@
+from .labelled_cubes import LABELLED_CUBES as LABELLED_CUBES
+from .labelled_cubes import labelled_cube as labelled_cube
 from .line_force import LineForce as LineForce
 from .loads import AxialForce as AxialForce
 from .loads import LineLoad as LineLoad

@@ -32,8 +32,8 @@ class TissueForce(LineLoad):
     --------
     >>> import sonospline as ss
     >>> from sonospline.mechanics import TissueForce
-    >>> from sonospline.models.elastic import scene
-    >>> load = TissueForce(tissues=scene("layers", side=100))
+    >>> from sonospline.mechanics import labelled_cube
+    >>> load = TissueForce(tissues=labelled_cube("layers", side=100))
     >>> needle = ss.Needle(entry=(0, 50, 50), tip=(60, 50, 50))
     >>> round(load.total_force(needle), 6)      # 0.03 N/mm over 60 mm, and 0.7 N at the tip
     2500.0
@@ -44,7 +44,7 @@ class TissueForce(LineLoad):
 
     def __post_init__(self) -> None:
         if not isinstance(self.tissues, TissueMap):
-            raise ValueError(f"tissues = {self.tissues!r} is not a TissueMap; make one, e.g. scene('layers')")
+            raise ValueError(f"tissues = {self.tissues!r} is not a TissueMap; make one, e.g. labelled_cube('layers')")
         object.__setattr__(self, "width", _validate.number("width", self.width, positive=True))
 
     def along(self, needle: Needle) -> AxialForce:

@@ -45,8 +45,8 @@ class TissueMap:
     --------
     >>> import sonospline as ss
     >>> from sonospline.mechanics import TissueMap
-    >>> from sonospline.models.elastic import scene
-    >>> tissues = scene("layers")
+    >>> from sonospline.mechanics import labelled_cube
+    >>> tissues = labelled_cube("layers")
     >>> sorted(tissues.materials), tissues.moduli(ss.Grid.unit_cube(13)).shear.shape
     ([0, 1, 2], (12, 12, 12))
     """

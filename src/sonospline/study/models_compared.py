@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
+from ..mechanics import LABELLED_CUBES, labelled_cube
+from ..mechanics.labelled_cubes import TISSUES
 from ..mechanics.line_force import LineForce
 from ..mechanics.material import Material
 from ..mechanics.shaft_displacement import ShaftDisplacement
-from ..models.elastic import SCENES, ElasticInsertion, ElasticSolver, scene
-from ..models.elastic.labelled_cubes import TISSUES
+from ..models.elastic import ElasticInsertion, ElasticSolver
 from ..models.insertion import NeedleInsertion
 from ..models.kelvinlet import DragModel, KelvinletInsertion
 from ..models.spline.insertion import Insertion
@@ -47,7 +48,7 @@ class Scope:
     """Equal steps to the target at which errors are measured."""
     frames: int = 60
     """Of an elastic insertion, one iteration each."""
-    scenes: tuple[str, ...] = SCENES
+    scenes: tuple[str, ...] = LABELLED_CUBES
 
     @property
     def display(self) -> Tissue:
@@ -61,7 +62,7 @@ def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: Nee
     The reference is the live solver on a fine grid, converged. The kernels do not know the
     stiffness: they were tuned in homogeneous tissue on this load.
     """
-    tissue, tissues = scope.display, scene(name)
+    tissue, tissues = scope.display, labelled_cube(name)
     needles = _needles(scope, plan)
     whole, depths = needles[-1], [(k + 1) / scope.depths for k in range(scope.depths)]
     fine = ElasticSolver(tissue, tissues, nodes=scope.fine**3)
@@ -110,7 +111,7 @@ def compare_held(
     """
     tissue, load = Tissue(Grid.unit_cube(scope.side)), ShaftDisplacement()
     needle = plan.on(tissue)
-    expected = held_shaft(ElasticSolver(tissue, scene(name), nodes=scope.side**3), load, needle)
+    expected = held_shaft(ElasticSolver(tissue, labelled_cube(name), nodes=scope.side**3), load, needle)
     found = {model: factors.get(model, 1.0) * u for model, u in _held_without_labels(scope, plan, tuned).items()}
     if name == "homogeneous":
         del found["one stiffness"]

@@ -21,8 +21,9 @@ from ..fem import FiniteElementModel
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
+from ..mechanics import labelled_cube
 from ..mechanics.line_force import LineForce
-from ..models.elastic import ElasticInsertion, scene
+from ..models.elastic import ElasticInsertion
 from ..models.insertion import NeedleInsertion
 from ..models.kelvinlet import KelvinletInsertion
 from ..models.spline.insertion import Insertion
@@ -87,7 +88,7 @@ def timed(side: int, engines: dict[str, str]) -> Row:
 def _models(tissue: Tissue, needles: list[Needle]) -> Row:
     """A step of each model, all nodes evaluated: the median of the last half of the steps of three insertions."""
     spline = Insertion(tissue, NeedleTissueModel.paper())
-    body, load = scene("body"), LineForce()
+    body, load = labelled_cube("body"), LineForce()
     fine = ElasticInsertion(tissue, body, load, nodes=tissue.grid.node_count)
     drag = KelvinletInsertion(tissue)  # keeps nothing from step to step
     insertions: dict[str, NeedleInsertion] = {

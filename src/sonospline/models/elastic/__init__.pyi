@@ -1,6 +1,4 @@
 from .insertion import ElasticInsertion as ElasticInsertion
-from .labelled_cubes import SCENES as SCENES
-from .labelled_cubes import scene as scene
 from .model import ElasticModel as ElasticModel
 from .model import ElasticTissueState as ElasticTissueState
 from .solver import ElasticSolver as ElasticSolver

@@ -24,9 +24,10 @@ class ElasticInsertion(NeedleInsertion):
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.models.elastic import ElasticInsertion, scene
+    >>> from sonospline.models.elastic import ElasticInsertion
+    >>> from sonospline.mechanics import labelled_cube
     >>> tissue = ss.Tissue(ss.Grid(shape=(25, 25, 25), spacing=100 / 24))
-    >>> insertion = ElasticInsertion(tissue, scene("layers", side=100, stiffness_kpa=10), nodes=13**3)
+    >>> insertion = ElasticInsertion(tissue, labelled_cube("layers", side=100, stiffness_kpa=10), nodes=13**3)
     >>> fields = list(insertion.run((0, 50, 50), (60, 50, 50), steps=10))
     >>> bool(fields[-1].error_estimate < 0.05), bool(0.5 < abs(fields[-1].on_grid()).max() < 3)
     (True, True)

@@ -69,9 +69,10 @@ class ElasticModel(TissueModel):
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.models.elastic import ElasticModel, scene
+    >>> from sonospline.models.elastic import ElasticModel
+    >>> from sonospline.mechanics import labelled_cube
     >>> tissue = ss.Tissue(ss.Grid(shape=(25, 25, 25), spacing=100 / 24))
-    >>> model = ElasticModel(tissue, scene("layers", side=100, stiffness_kpa=10), nodes=13**3)
+    >>> model = ElasticModel(tissue, labelled_cube("layers", side=100, stiffness_kpa=10), nodes=13**3)
     >>> needles = {"biopsy": ss.Needle((0, 40, 50), (60, 40, 50)), "probe": ss.Needle((0, 70, 50), (30, 70, 50))}
     >>> response = model.step(model.rest, needles)
     >>> round(response.forces["biopsy"].axial_n, 1), round(response.forces["probe"].axial_n, 1)

@@ -5,15 +5,15 @@ import numpy as np
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel
-from sonospline.mechanics import CellMaterial, LineForce, TissueMap, TissueMaterial
-from sonospline.models.elastic import ElasticSolver, scene
+from sonospline.mechanics import CellMaterial, LineForce, TissueMap, TissueMaterial, labelled_cube
+from sonospline.models.elastic import ElasticSolver
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 
 
 def bone_of(contrast):
     """A bar of bone so many times as stiff as the tissue around it."""
-    tissues = scene("bone", voxels=48)
+    tissues = labelled_cube("bone", voxels=48)
     bone = TissueMaterial(stiffness_kpa=contrast, rigid=True)
     return TissueMap(tissues.labels, {**tissues.materials, 1: bone})
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import _validate
-from ...geometry.volume import Volume
-from ...mechanics.tissue_map import TissueMap
-from ...mechanics.tissue_material import TissueMaterial
+from .. import _validate
+from ..geometry.volume import Volume
+from .tissue_map import TissueMap
+from .tissue_material import TissueMaterial
 
 TISSUES = {
     "homogeneous": ("tissue",),
@@ -17,12 +17,12 @@ TISSUES = {
     "cavity": ("tissue", "cavity, x 0.1"),
     "body": ("organ", "skin", "fat", "muscle", "tumour", "cavity", "bone"),
 }
-"""The tissues of each scene, in the order of their labels."""
+"""The tissues of each cube, in the order of their labels."""
 
-SCENES = tuple(TISSUES)
+LABELLED_CUBES = tuple(TISSUES)
 
 
-def scene(
+def labelled_cube(
     name: str, *, side: float = 1.0, voxels: int = 96, stiffness_kpa: float = 1.0, poissons_ratio: float = 0.45
 ) -> TissueMap:
     """Return a labelled cube [0, side]^3.
@@ -42,11 +42,11 @@ def scene(
 
     Examples
     --------
-    >>> from sonospline.models.elastic import scene
-    >>> scene("body", voxels=24).labels.voxels.max()
+    >>> from sonospline.mechanics import labelled_cube
+    >>> labelled_cube("body", voxels=24).labels.voxels.max()
     np.uint8(6)
     """
-    _validate.choice("name", name, SCENES)
+    _validate.choice("name", name, LABELLED_CUBES)
     voxels = _validate.count("voxels", voxels, least=8)
     spacing = _validate.number("side", side, positive=True) / voxels
     x, y, z = np.meshgrid(*[(np.arange(voxels) + 0.5) / voxels] * 3, indexing="ij")
