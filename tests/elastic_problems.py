@@ -21,7 +21,7 @@ def on_grid(grid, *, element, integration="full", solver="direct", poissons_rati
         points=grid.points,
         cells=cells(grid, element),
         pinned=grid.on_faces(ss.FACES).ravel(),
-        material=Material(youngs_modulus=2.0, poissons_ratio=poissons_ratio),
+        material=Material(stiffness_kpa=2.0, poissons_ratio=poissons_ratio),
         integration=integration,
         solver=solver,
         tolerance=tolerance,

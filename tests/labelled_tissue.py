@@ -5,7 +5,7 @@ import numpy as np
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel
-from sonospline.mechanics import CellMaterial, LineForce, TissueMap, TissueMaterial, labelled_cube
+from sonospline.mechanics import LineForce, Material, TissueMap, labelled_cube
 from sonospline.models.elastic import ElasticSolver
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
@@ -14,7 +14,7 @@ NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 def bone_of(contrast):
     """A bar of bone so many times as stiff as the tissue around it."""
     tissues = labelled_cube("bone", voxels=48)
-    bone = TissueMaterial(stiffness_kpa=contrast, rigid=True)
+    bone = Material(stiffness_kpa=contrast, rigid=True)
     return TissueMap(tissues.labels, {**tissues.materials, 1: bone})
 
 
@@ -33,7 +33,6 @@ def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **opti
     tissue = ss.Tissue(ss.Grid.unit_cube(nodes))
     solver = ElasticSolver(tissue, tissues, nodes=nodes**3, integration=integration)
     assert solver.grid.shape == tissue.grid.shape
-    cells = CellMaterial(solver.moduli.lame, solver.moduli.shear)
-    model = FiniteElementModel(tissue, cells, integration=integration, **options)
+    model = FiniteElementModel(tissue, solver.moduli, integration=integration, **options)
     found = solver.equilibrium(consistent_load(LineForce(), NEEDLE, solver.grid), tolerance=2e-5).displacement
     return largest_difference(np.moveaxis(found, 0, -1), model.solve(LineForce(), NEEDLE))

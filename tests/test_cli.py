@@ -328,7 +328,7 @@ def test_without_a_path_the_needle_comes_from_the_front(label_files, tmp_path, c
         (["--model", "elastic", "--set", "shaft_radius=3"], "--set belongs to --model paper, not to --model elastic"),
         (["--drag", "2"], "--drag belongs to --model kelvinlet"),
         (["--model", "elastic", "--poisson", "0.5"], "poissons_ratio = 0.5 is out of range"),
-        (["--model", "elastic", "--stiffness", "0"], "youngs_modulus = 0"),
+        (["--model", "elastic", "--stiffness", "0"], "stiffness_kpa = 0"),
         (["--model", "elastic", "--labels", "absent.nii.gz"], "'absent.nii.gz' does not exist"),
     ],
 )

@@ -1,15 +1,17 @@
 """Label maps and tables of materials: what a cell is made of, and what is refused."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 import sonospline as ss
 from sonospline.geometry.volume import Volume
-from sonospline.mechanics import FLUID_SHEAR, MaterialTable, TissueMap, TissueMaterial, labelled_cube, read_label_names
+from sonospline.mechanics import FLUID_SHEAR, Material, MaterialTable, TissueMap, labelled_cube, read_label_names
 from sonospline.models.elastic import ElasticSolver, largest_strain
 
-SOFT, STIFF = TissueMaterial(stiffness_kpa=1), TissueMaterial(stiffness_kpa=16)
-BONE = TissueMaterial(stiffness_kpa=1000, rigid=True)
+SOFT, STIFF = Material(stiffness_kpa=1), Material(stiffness_kpa=16)
+BONE = Material(stiffness_kpa=1000, rigid=True)
 
 
 def halves(fraction, low, high, voxels=64, axis=0):
@@ -37,8 +39,8 @@ def test_bone_takes_a_cell_by_majority(fraction, hard):
 
 
 def test_a_fluid_shears_freely_at_constant_volume():
-    water = TissueMaterial(stiffness_kpa=4, fluid=True)
-    solid = TissueMaterial(stiffness_kpa=4)
+    water = Material(stiffness_kpa=4, fluid=True)
+    solid = Material(stiffness_kpa=4)
     assert water.lame_moduli[0] == solid.lame_moduli[0]
     assert water.lame_moduli[1] == pytest.approx(FLUID_SHEAR * solid.lame_moduli[1])
 
@@ -75,7 +77,7 @@ def test_a_fluid_at_every_face_is_refused():
     labels = np.zeros((16, 16, 16), np.int16)
     labels[6:10, 6:10, 6:10] = 7
     volume = Volume(voxels=labels, spacing=(1 / 16,) * 3, origin=(1 / 32,) * 3)
-    tissues = TissueMap(volume, {0: TissueMaterial(stiffness_kpa=4, fluid=True), 7: STIFF})
+    tissues = TissueMap(volume, {0: Material(stiffness_kpa=4, fluid=True), 7: STIFF})
     with pytest.raises(ValueError, match="the fluid reaches every face of the box"):
         ElasticSolver(ss.Tissue(ss.Grid.unit_cube(9)), tissues, nodes=9**3)
 
@@ -153,3 +155,23 @@ def test_the_strain_is_found_where_it_is_largest(a_tilted_grid):
 def test_scenes_hold_their_tissues():
     for name, count in (("homogeneous", 1), ("layers", 3), ("body", 7)):
         assert len(labelled_cube(name, voxels=48).materials) == count
+
+
+EXAMPLES = {
+    "stiffness_kpa": 7.5, "poissons_ratio": 0.4, "friction_n_per_mm": 0.05, "cutting_force_n": 1.5, "rigid": True,
+    "fluid": True, "source": "my elastography",
+}  # fmt: skip
+
+
+def test_a_property_of_a_material_is_written_once_and_read_everywhere(tmp_path):
+    """A new field of Material needs no other line: the reader and its errors follow; here and in docs it is told."""
+    assert set(EXAMPLES) == {entry.name for entry in fields(Material)}, "give the new property an example"
+    written = [
+        f"{name} = {str(value).lower() if isinstance(value, bool) else repr(value)}" for name, value in EXAMPLES.items()
+    ]
+    file = tmp_path / "m.toml"
+    file.write_text("\n".join(["[liver]", *written]))
+    assert MaterialTable.read(file)["liver"] == Material(**EXAMPLES)
+    file.write_text("[liver]\nstiffness_kpa = 1\ncolour = 3\n")
+    with pytest.raises(ValueError, match="unknown key 'colour'; use " + ", ".join(EXAMPLES)):
+        MaterialTable.read(file)

@@ -17,7 +17,6 @@ from sonospline.mechanics import (
     ShaftDisplacement,
     TissueForce,
     TissueMap,
-    TissueMaterial,
     labelled_cube,
 )
 from sonospline.models.elastic import ElasticInsertion, ElasticSolver, NotConvergedError, solver_grid
@@ -145,7 +144,7 @@ def test_tissues_of_one_friction_load_as_a_uniform_line(rng):
 
 def test_friction_is_that_of_the_tissue_along_the_shaft():
     tissues = labelled_cube("layers", side=90)
-    slippery = TissueMaterial(stiffness_kpa=1, friction_n_per_mm=0.0, cutting_force_n=0.2)
+    slippery = Material(stiffness_kpa=1, friction_n_per_mm=0.0, cutting_force_n=0.2)
     load = TissueForce(tissues=TissueMap(tissues.labels, {**tissues.materials, 1: slippery}))
     assert load.total_force(ss.Needle((0, 45, 45), (45, 45, 45))) == pytest.approx(1000 * (0.03 * 30 + 0.2), rel=0.03)
 
@@ -270,10 +269,10 @@ def test_cells_halve_well_and_are_nearly_cubic():
     ("make", "message"),
     [
         (lambda: ElasticSolver(cube(), Material(1, 0.495)), r"poissons_ratio = 0.495 is out of range; give 0 to 0.49"),
-        (lambda: TissueMaterial(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
-        (lambda: TissueMaterial(stiffness_kpa=-3), "stiffness_kpa = -3 is out of range"),
-        (lambda: TissueMaterial(stiffness_kpa=1, poissons_ratio=-0.1), "poissons_ratio = -0.1 is out of range"),
-        (lambda: TissueMaterial(stiffness_kpa=1, poissons_ratio=0.5), "poissons_ratio = 0.5 is out of range"),
+        (lambda: Material(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
+        (lambda: Material(stiffness_kpa=-3), "stiffness_kpa = -3 is out of range"),
+        (lambda: Material(stiffness_kpa=1, poissons_ratio=-0.1), "poissons_ratio = -0.1 is out of range"),
+        (lambda: Material(stiffness_kpa=1, poissons_ratio=0.5), "poissons_ratio = 0.5 is out of range"),
         (
             lambda: ElasticSolver(ss.Tissue(ss.Grid(shape=(23, 3, 12), spacing=(1, 1, 1)))),
             r"longest to shortest 11.0; give a box of at most 10 to 1",
@@ -291,7 +290,7 @@ def test_bad_input_is_refused_before_any_work(make, message):
 def test_too_large_a_contrast_is_refused():
     voxels = np.zeros((8, 8, 8), np.uint8)
     voxels[4:] = 1
-    materials = {0: TissueMaterial(stiffness_kpa=1), 1: TissueMaterial(stiffness_kpa=1e7, rigid=True)}
+    materials = {0: Material(stiffness_kpa=1), 1: Material(stiffness_kpa=1e7, rigid=True)}
     tissues = TissueMap(Volume(voxels=voxels, spacing=(1 / 8,) * 3, origin=(1 / 16,) * 3), materials)
     with pytest.raises(ValueError, match=r"differ by 1e\+07 times; give a contrast of at most 1e\+06"):
         ElasticSolver(cube(), tissues, nodes=SMALL)

@@ -12,7 +12,7 @@ from sonospline._extras import MissingExtraError
 from sonospline.fem import FiniteElementModel, fenicsx, reference_history, scikit
 from sonospline.fem.scikit import ScikitFem
 from sonospline.fem.scikit_assembly import assemble
-from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
+from sonospline.mechanics import LineForce, Material, Moduli, ShaftDisplacement
 
 pytest.importorskip("skfem", reason="needs the extra 'fem'")
 pytest.importorskip("pyamg", reason="needs the extra 'fem'")
@@ -152,7 +152,7 @@ def test_a_turned_grid_gives_the_turned_field(a_rotation, load, entry_face):
 
 def test_the_field_is_linear_in_the_force_and_in_one_over_the_modulus(small_tissue, an_oblique_needle):
     def solve(friction, tip_force, modulus=1.0):
-        model = FiniteElementModel(small_tissue, Material(youngs_modulus=modulus), solver="direct")
+        model = FiniteElementModel(small_tissue, Material(stiffness_kpa=modulus), solver="direct")
         return model.solve(LineForce(friction=friction, tip_force=tip_force), an_oblique_needle)
 
     shaft, tip, both = solve(0.03, 0), solve(0, 0.007), solve(0.06, 0.021)
@@ -165,7 +165,7 @@ def test_millimetres_and_kilopascals_scale_with_the_cube(small_tissue):
     needle = np.array([[0, 0.5, 0.5], [0.6, 0.45, 0.5]])
     unit = FiniteElementModel(small_tissue).solve(LineForce(), ss.Needle(*needle))
     block = ss.Tissue(ss.Grid(shape=(9, 9, 9), spacing=12.5))
-    model = FiniteElementModel(block, Material(youngs_modulus=10))
+    model = FiniteElementModel(block, Material(stiffness_kpa=10))
     assert largest_difference(model.solve(LineForce.for_cube(100, 10), ss.Needle(*100 * needle)), 100 * unit) < 1e-9
     held = ShaftDisplacement.for_cube(100)
     assert (held.shaft, held.tip, held.radius, held.tip_length) == pytest.approx((2.27, 2.66, 3.0, 6.0))
@@ -230,10 +230,10 @@ NEEDLE = ss.Needle((0, 0.5, 0.5), (0.6, 0.5, 0.5))
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda t: Material(youngs_modulus=0), "youngs_modulus = 0 is out of range"),
-        (lambda t: Material(youngs_modulus=-1), "youngs_modulus = -1 is out of range"),
-        (lambda t: Material(youngs_modulus=np.nan), "youngs_modulus = nan is out of range"),
-        (lambda t: Material(youngs_modulus="stiff"), "youngs_modulus = 'stiff' is not a number"),
+        (lambda t: Material(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
+        (lambda t: Material(stiffness_kpa=-1), "stiffness_kpa = -1 is out of range"),
+        (lambda t: Material(stiffness_kpa=np.nan), "stiffness_kpa = nan is out of range"),
+        (lambda t: Material(stiffness_kpa="stiff"), "stiffness_kpa = 'stiff' is not a number"),
         (lambda t: Material(poissons_ratio=0.5), "poissons_ratio = 0.5 .* give less than 0.5"),
         (lambda t: Material(poissons_ratio=np.inf), "poissons_ratio = inf"),
         (lambda t: Material(poissons_ratio=-0.1), "poissons_ratio = -0.1"),
@@ -321,7 +321,7 @@ def test_iterations_that_do_not_converge_are_an_error(small_tissue, monkeypatch)
 
 def test_a_material_of_equal_cells_is_that_material(unit_tissue, an_oblique_needle):
     solid, cells = Material(2.0, 0.3), (12, 12, 12)
-    material = CellMaterial(np.full(cells, solid.first_lame), np.full(cells, solid.shear_modulus))
+    material = Moduli(unit_tissue.grid, np.full(cells, solid.first_lame), np.full(cells, solid.shear_modulus))
     for element in ("hexahedron", "tetrahedron"):
         ours, theirs = (
             FiniteElementModel(unit_tissue, m, element=element).solve(LineForce(), an_oblique_needle)
@@ -333,8 +333,8 @@ def test_a_material_of_equal_cells_is_that_material(unit_tissue, an_oblique_need
 def test_cells_that_do_not_fit_or_have_no_stiffness_are_refused(unit_tissue):
     cells = np.ones((12, 12, 12))
     with pytest.raises(ValueError, match=r"material has \(11, 12, 12\) cells; give the grid's \(12, 12, 12\)"):
-        FiniteElementModel(unit_tissue, CellMaterial(cells[1:], cells[1:]))
-    with pytest.raises(ValueError, match="shear_modulus = 0 is out of range"):
-        CellMaterial(cells, 0 * cells)
-    with pytest.raises(ValueError, match="give one a cell each"):
-        CellMaterial(cells, cells[1:])
+        FiniteElementModel(unit_tissue, Moduli(ss.Grid(shape=(12, 13, 13), spacing=1 / 12), cells[1:], cells[1:]))
+    with pytest.raises(ValueError, match="shear = 0 or lame = 1 is out of range"):
+        Moduli(unit_tissue.grid, cells, 0 * cells)
+    with pytest.raises(ValueError, match="one value a cell of the grid"):
+        Moduli(unit_tissue.grid, cells, cells[1:])

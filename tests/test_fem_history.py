@@ -10,7 +10,7 @@ import pytest
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel, history, reference_history
-from sonospline.mechanics import CellMaterial, LineForce, Material, ShaftDisplacement
+from sonospline.mechanics import LineForce, Material, Moduli, ShaftDisplacement
 
 pytest.importorskip("skfem", reason="needs the extra 'fem'")
 pytest.importorskip("pyamg", reason="needs the extra 'fem'")
@@ -54,7 +54,7 @@ def test_a_history_is_kept_by_everything_it_depends_on(small_tissue, a_cache_of_
         {"load": LineForce(friction=0.02)},
         {"load": ShaftDisplacement(radius=0.1)},
         {"material": Material(poissons_ratio=0.4)},
-        {"material": CellMaterial(np.full((8, 8, 8), 3.1), np.full((8, 8, 8), 0.34))},
+        {"material": Moduli(ss.Grid.unit_cube(9), np.full((8, 8, 8), 3.1), np.full((8, 8, 8), 0.34))},
         {"element": "tetrahedron"},
         {"integration": "mean_dilatation"},
     ]

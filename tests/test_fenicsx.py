@@ -16,7 +16,7 @@ from labelled_tissue import away_from_reference, bone_of
 from sonospline._extras import MissingExtraError
 from sonospline.fem import FiniteElementModel, fenicsx, reference_history
 from sonospline.fem.fenicsx import FEniCSx
-from sonospline.mechanics import LABELLED_CUBES, CellMaterial, LineForce, Material, ShaftDisplacement, labelled_cube
+from sonospline.mechanics import LABELLED_CUBES, LineForce, Material, Moduli, ShaftDisplacement, labelled_cube
 
 ELEMENTS = ("hexahedron", "tetrahedron")
 SOLVERS = ("multigrid", "direct", "from_scratch")
@@ -73,7 +73,7 @@ def test_it_agrees_with_scikit_fem_on_the_papers_mesh(an_oblique_needle, element
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_oblique_needle, element, rng):
     shear = np.exp(rng.normal(size=(12, 12, 12)))
-    material = CellMaterial(9 * shear * rng.random(shear.shape), shear)
+    material = Moduli(unit_tissue.grid, 9 * shear * rng.random(shear.shape), shear)
     ours, theirs = both(unit_tissue, LineForce(), an_oblique_needle, element=element, material=material)
     assert largest_difference(ours, theirs) < 1e-8
 
@@ -81,7 +81,7 @@ def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_obli
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
 @pytest.mark.parametrize("name", LABELLED_CUBES)
-def test_the_live_solver_converges_to_its_field_in_every_scene(name, ratio):
+def test_the_live_solver_converges_to_its_field_in_every_cube(name, ratio):
     tissues = labelled_cube(name, voxels=48, poissons_ratio=ratio)
     assert away_from_reference(tissues, 9, engine="fenicsx", solver="direct") < 3e-4
 
@@ -107,7 +107,7 @@ def test_it_agrees_where_the_shaft_is_held(unit_tissue, an_oblique_needle, eleme
 def test_it_agrees_on_a_turned_anisotropic_grid_of_nearly_incompressible_tissue(a_tilted_grid):
     tissue = ss.Tissue(a_tilted_grid, entry_face="z+")
     load = LineForce.for_cube(15, 10)
-    material = Material(youngs_modulus=10, poissons_ratio=0.49)
+    material = Material(stiffness_kpa=10, poissons_ratio=0.49)
     needle = ss.Needle(*a_tilted_grid.world(a_tilted_grid.extent * [[0.5, 0.5, 1], [0.45, 0.6, 0.4]]))
     options = {"material": material, "integration": "mean_dilatation", "solver": "direct"}
     assert largest_difference(*both(tissue, load, needle, **options)) < 1e-9

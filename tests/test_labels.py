@@ -17,7 +17,7 @@ from sonospline.geometry.volume import Volume
 from sonospline.io.labels import names_beside, names_of
 from sonospline.io.tables import read_names
 from sonospline.io.volumes import write_volume
-from sonospline.mechanics import TissueMap, TissueMaterial, read_label_names
+from sonospline.mechanics import Material, TissueMap, read_label_names
 from sonospline.simulator import SceneFile
 from sonospline.ultrasound import Phantom
 from sonospline.ultrasound.acoustics import read_table
@@ -25,7 +25,7 @@ from sonospline.ultrasound.organs import phantom_from_organs
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
-SOFT, BONE = TissueMaterial(stiffness_kpa=6), TissueMaterial(stiffness_kpa=6000, rigid=True)
+SOFT, BONE = Material(stiffness_kpa=6), Material(stiffness_kpa=6000, rigid=True)
 TURNED = np.diag([-1.0, -1.0, 1.0])
 
 

@@ -61,7 +61,7 @@ def test_the_number_of_steps_changes_a_field_by_at_most_its_error(name, needle):
 
 @pytest.mark.parametrize("kind", ["layers", "sphere", "cavity", "bone", "body"])
 def test_the_number_of_steps_changes_labelled_tissue_by_at_most_its_error(kind):
-    tissues = scene(kind, side=SIDE, stiffness_kpa=10, voxels=32)
+    tissues = labelled_cube(kind, side=SIDE, stiffness_kpa=10, voxels=32)
     model = models.make("elastic", ss.Tissue(BLOCK), tissues, solver_nodes=13**3)
     responses = [push(model, steps, OBLIQUE) for steps in STEPS]
     assert_agree(responses)

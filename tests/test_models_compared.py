@@ -6,7 +6,7 @@ import pytest
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel
-from sonospline.mechanics import LABELLED_CUBES, CellMaterial, LineForce, ShaftDisplacement, labelled_cube
+from sonospline.mechanics import LABELLED_CUBES, LineForce, ShaftDisplacement, labelled_cube
 from sonospline.mechanics.labelled_cubes import TISSUES
 from sonospline.models.elastic import ElasticInsertion, ElasticSolver
 from sonospline.study import models_compared as models
@@ -25,8 +25,7 @@ def cube(nodes):
 def test_a_held_shaft_is_that_of_scikit_fem(name):
     pytest.importorskip("skfem")
     solver = ElasticSolver(cube(9), labelled_cube(name, voxels=48), nodes=9**3)
-    cells = CellMaterial(solver.moduli.lame, solver.moduli.shear)
-    model = FiniteElementModel(cube(9), cells, integration="mean_dilatation", solver="direct")
+    model = FiniteElementModel(cube(9), solver.moduli, integration="mean_dilatation", solver="direct")
     assert largest_difference(held_shaft(solver, HELD, NEEDLE), model.solve(HELD, NEEDLE)) < 1e-4
 
 

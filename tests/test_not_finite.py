@@ -8,7 +8,7 @@ import pytest
 import sonospline as ss
 from sonospline.geometry import ImagePlane, facing
 from sonospline.geometry.volume import Volume
-from sonospline.mechanics import LineForce, Material, ShaftDisplacement, TissueMaterial
+from sonospline.mechanics import LineForce, Material, ShaftDisplacement
 from sonospline.models.elastic import ElasticInsertion, NotConvergedError
 from sonospline.simulator.imaging import ReslicedImager, grey_range
 from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
@@ -18,7 +18,7 @@ from sonospline.ultrasound.reslice import Reslicer
 
 PARAMETERS = [
     NeedleEcho.trocar(), TISSUES["liver"], Probe.curvilinear(), Display(), LineForce(), Material(), ShaftDisplacement(),
-    TissueMaterial(stiffness_kpa=5), ss.NeedleTissueModel.paper(), ss.DragModel.kelvinlet(), ss.Kelvinlet(),
+    Material(stiffness_kpa=5), ss.NeedleTissueModel.paper(), ss.DragModel.kelvinlet(), ss.Kelvinlet(),
 ]  # fmt: skip
 BAD = [np.nan, np.inf, -np.inf]
 

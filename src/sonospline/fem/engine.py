@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mechanics.material import CellMaterial, Material
+from ..mechanics.material import Material
+from ..mechanics.moduli import Moduli
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,7 +64,7 @@ class System:
     """(E, 8) or (E, 4) node numbers, as :func:`sonospline.fem.mesh.cells` orders them."""
     pinned: Mask
     """(N,) nodes whose displacement is prescribed, all components of it."""
-    material: Material | CellMaterial
+    material: Material | Moduli
     integration: str
     """One of :data:`INTEGRATIONS`."""
     solver: str
@@ -74,7 +75,7 @@ class System:
     @property
     def moduli(self) -> tuple[Array, Array]:
         """First and second Lamé modulus: () of all cells, or (E,) of each."""
-        both = (np.asarray(values, float) for values in (self.material.first_lame, self.material.shear_modulus))
+        both = (np.asarray(values, float) for values in self.material.lame_moduli)
         lame, shear = (np.repeat(m, len(self.cells) // m.size) if m.ndim else m for m in both)
         return lame, shear
 
@@ -106,7 +107,7 @@ class Engine(ABC):
         """
 
 
-def check_locking(material: Material | CellMaterial, element: str, integration: str) -> None:
+def check_locking(material: Material | Moduli, element: str, integration: str) -> None:
     """Raise ValueError where these elements lock: nearly incompressible tissue then looks too stiff."""
     ratio = material.poissons_ratio
     if integration == "full" or element == "tetrahedron":

@@ -14,7 +14,8 @@ from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..mechanics.line_force import LineForce
 from ..mechanics.loads import Load
-from ..mechanics.material import CellMaterial, Material
+from ..mechanics.material import Material
+from ..mechanics.moduli import Moduli
 from ..models.spline.faces import Progress
 from .model import FiniteElementModel
 
@@ -31,7 +32,7 @@ def reference_history(
     target: ArrayLike,
     steps: int = 20,
     load: Load | None = None,
-    material: Material | CellMaterial | None = None,
+    material: Material | Moduli | None = None,
     *,
     element: str = "hexahedron",
     integration: str = "full",
@@ -54,7 +55,7 @@ def reference_history(
         Steps of equal length; step k reaches k / steps of the way.
     load : LineForce or ShaftDisplacement, default: LineForce()
         What the needle does.
-    material : Material or CellMaterial, default: Material()
+    material : Material or Moduli, default: Material()
         What the tissue is made of.
     element, integration, engine : str
         As for :class:`FiniteElementModel`.

@@ -12,7 +12,8 @@ from .. import _memory, _validate
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..mechanics.loads import Load
-from ..mechanics.material import CellMaterial, Material
+from ..mechanics.material import Material
+from ..mechanics.moduli import Moduli
 from .engine import INTEGRATIONS, SOLVERS, Engine, StepTimes, System, check_locking
 from .fenicsx import FEniCSx
 from .mesh import ELEMENTS, cells
@@ -39,7 +40,7 @@ class FiniteElementModel:
     ----------
     tissue : Tissue
         Grid and pinned faces.
-    material : Material or CellMaterial, default: Material()
+    material : Material or Moduli, default: Material()
         Stiffness and compressibility, of all tissue or of each cell of the grid.
     element : {"hexahedron", "tetrahedron"}, default: "hexahedron"
         Trilinear hexahedra (Q1), or each of them split into six linear tetrahedra (P1).
@@ -78,7 +79,7 @@ class FiniteElementModel:
     def __init__(
         self,
         tissue: Tissue,
-        material: Material | CellMaterial | None = None,
+        material: Material | Moduli | None = None,
         *,
         element: str = "hexahedron",
         integration: str = "full",
@@ -89,11 +90,11 @@ class FiniteElementModel:
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(25))")
         self.tissue = tissue
-        if not isinstance(material, Material | CellMaterial | None):
+        if not isinstance(material, Material | Moduli | None):
             raise ValueError(f"material = {material!r} is not a Material; make one, e.g. Material(10.0, 0.45)")
         cells_wanted = tuple(n - 1 for n in tissue.grid.shape)
-        if isinstance(material, CellMaterial) and material.first_lame.shape != cells_wanted:
-            raise ValueError(f"material has {material.first_lame.shape} cells; give the grid's {cells_wanted}")
+        if isinstance(material, Moduli) and material.lame.shape != cells_wanted:
+            raise ValueError(f"material has {material.lame.shape} cells; give the grid's {cells_wanted}")
         self.material = Material() if material is None else material
         self.element = _validate.choice("element", element, ELEMENTS)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)

@@ -4,13 +4,11 @@ from .line_force import LineForce as LineForce
 from .loads import AxialForce as AxialForce
 from .loads import LineLoad as LineLoad
 from .loads import Load as Load
-from .material import CellMaterial as CellMaterial
+from .material import FLUID_SHEAR as FLUID_SHEAR
 from .material import Material as Material
+from .material_table import MaterialTable as MaterialTable
+from .material_table import read_label_names as read_label_names
 from .moduli import Moduli as Moduli
 from .shaft_displacement import ShaftDisplacement as ShaftDisplacement
 from .tissue_force import TissueForce as TissueForce
 from .tissue_map import TissueMap as TissueMap
-from .tissue_material import FLUID_SHEAR as FLUID_SHEAR
-from .tissue_material import MaterialTable as MaterialTable
-from .tissue_material import TissueMaterial as TissueMaterial
-from .tissue_material import read_label_names as read_label_names

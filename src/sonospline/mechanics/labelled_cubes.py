@@ -6,8 +6,8 @@ import numpy as np
 
 from .. import _validate
 from ..geometry.volume import Volume
+from .material import Material
 from .tissue_map import TissueMap
-from .tissue_material import TissueMaterial
 
 TISSUES = {
     "homogeneous": ("tissue",),
@@ -78,7 +78,7 @@ def labelled_cube(
         add(ball((0.55, 0.3, 0.7), 0.1), 0.1)
         add(bar, 1000.0)
     table = {
-        label: TissueMaterial(stiffness_kpa=stiffness_kpa * factor, poissons_ratio=poissons_ratio, rigid=factor >= 1000)
+        label: Material(stiffness_kpa=stiffness_kpa * factor, poissons_ratio=poissons_ratio, rigid=factor >= 1000)
         for label, factor in enumerate(relative)
     }
     return TissueMap(Volume(voxels=labels, spacing=(spacing,) * 3, origin=np.full(3, spacing / 2)), table)

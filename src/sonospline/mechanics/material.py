@@ -1,113 +1,85 @@
-"""What tissue is made of: a linear elastic, isotropic solid, the same everywhere or cell by cell."""
+"""What tissue is made of: a linear elastic, isotropic solid, and what a needle in it meets."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from .. import _validate
 
-Array = NDArray[np.float64]
+FLUID_SHEAR = 0.01
+"""A fluid keeps its first modulus and this share of the second: it shears freely, at constant volume."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Stiffness and compressibility of tissue in small strain.
+    """One tissue: its stiffness in small strain, and what a needle in it meets.
+
+    A field here is all a new property needs beside its effect: tables of materials, their error
+    messages and their documentation follow from these.
 
     Parameters
     ----------
-    youngs_modulus : float, default: 1.0
-        E, above zero. Sets the unit of force: with lengths in mm and E in kPa, forces are
-        in mN.
+    stiffness_kpa : float, default: 1.0
+        Young's modulus E, above zero. With lengths in mm forces are in mN; studies of the unit
+        cube leave it at 1.
     poissons_ratio : float, default: 0.45
-        nu, at or above zero and below 0.5.
+        nu, at or above zero and below 0.5; live solvers take at most 0.49.
+    friction_n_per_mm : float, default: 0.03
+        Force per length along a shaft, at or above zero.
+    cutting_force_n : float, default: 0.7
+        Force at an advancing tip, at or above zero.
+    rigid : bool, default: False
+        Bone: a cell is all bone where most of it is, and else none. Mixing would smear it.
+    fluid : bool, default: False
+        A hundredth of the shear modulus with the compressibility kept.
+    source : str, default: "assumed"
+        Where the values come from.
 
     Raises
     ------
     ValueError
-        A modulus that is not above zero, or a ratio outside [0, 0.5).
+        A value out of range.
 
     Examples
     --------
     >>> from sonospline.mechanics import Material
-    >>> Material(youngs_modulus=10).shear_modulus
+    >>> Material(stiffness_kpa=10).shear_modulus
     3.4482758620689657
+    >>> [round(modulus, 3) for modulus in Material(6).lame_moduli]
+    [18.621, 2.069]
     """
 
-    youngs_modulus: float = 1.0
+    stiffness_kpa: float = 1.0
     poissons_ratio: float = 0.45
+    friction_n_per_mm: float = 0.03
+    cutting_force_n: float = 0.7
+    rigid: bool = False
+    fluid: bool = False
+    source: str = "assumed"
 
     def __post_init__(self) -> None:
-        modulus = _validate.number("youngs_modulus", self.youngs_modulus, positive=True)
-        ratio = _validate.number("poissons_ratio", self.poissons_ratio)
-        if ratio >= 0.5:
+        for name in ("stiffness_kpa", "poissons_ratio", "friction_n_per_mm", "cutting_force_n"):
+            value = _validate.number(name, getattr(self, name), positive=name == "stiffness_kpa")
+            object.__setattr__(self, name, value)
+        if self.poissons_ratio >= 0.5:
             raise ValueError(
-                f"poissons_ratio = {ratio:g} is out of range; tissue that cannot change its volume has no "
-                "displacement formulation, give less than 0.5, e.g. 0.49"
+                f"poissons_ratio = {self.poissons_ratio:g} is out of range; tissue that cannot change its volume has "
+                "no displacement formulation, give less than 0.5, e.g. 0.49, or fluid = true"
             )
-        object.__setattr__(self, "youngs_modulus", modulus)
-        object.__setattr__(self, "poissons_ratio", ratio)
 
     @property
     def shear_modulus(self) -> float:
-        """Second Lamé parameter, mu = E / (2 (1 + nu))."""
-        return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
+        """Second Lamé parameter in kPa, mu = E / (2 (1 + nu)); a hundredth of it in a fluid."""
+        solid = self.stiffness_kpa / (2 * (1 + self.poissons_ratio))
+        return solid * (FLUID_SHEAR if self.fluid else 1.0)
 
     @property
     def first_lame(self) -> float:
-        """First Lamé parameter, lambda = E nu / ((1 + nu) (1 - 2 nu))."""
+        """First Lamé parameter in kPa, lambda = E nu / ((1 + nu) (1 - 2 nu))."""
         ratio = self.poissons_ratio
-        return self.youngs_modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CellMaterial:
-    """Both Lamé moduli of every cell of a grid: tissue that is stiffer here than there.
-
-    Parameters
-    ----------
-    first_lame : (cx, cy, cz) array
-        lambda, at or above zero; cells lie between the nodes of the grid.
-    shear_modulus : (cx, cy, cz) array
-        mu, above zero.
-
-    Raises
-    ------
-    ValueError
-        Arrays of two shapes, or a modulus out of range.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sonospline.mechanics import CellMaterial
-    >>> CellMaterial(np.full((8, 8, 8), 3.1), np.full((8, 8, 8), 0.34)).poissons_ratio
-    0.45058139534883723
-    """
-
-    first_lame: Array
-    shear_modulus: Array
-
-    def __post_init__(self) -> None:
-        lame, shear = (np.asarray(values, dtype=np.float64) for values in (self.first_lame, self.shear_modulus))
-        if lame.ndim != 3 or lame.shape != shear.shape:
-            raise ValueError(f"first_lame has shape {lame.shape} and shear_modulus {shear.shape}; give one a cell each")
-        if not ((lame >= 0) & (shear > 0) & np.isfinite(lame) & np.isfinite(shear)).all():
-            raise ValueError(
-                f"first_lame = {lame.min():g} or shear_modulus = {shear.min():g} is out of range; "
-                "give finite first moduli at or above zero and shear moduli above zero"
-            )
-        object.__setattr__(self, "first_lame", lame)
-        object.__setattr__(self, "shear_modulus", shear)
+        return self.stiffness_kpa * ratio / ((1 + ratio) * (1 - 2 * ratio))
 
     @property
-    def poissons_ratio(self) -> float:
-        """Largest of any cell, lambda / 2 (lambda + mu)."""
-        return float((self.first_lame / (2 * (self.first_lame + self.shear_modulus))).max())
-
-    def __repr__(self) -> str:
-        """Name the material by all its values: kept results are found by it."""
-        values = hashlib.sha256(self.first_lame.tobytes() + self.shear_modulus.tobytes()).hexdigest()[:16]
-        return f"CellMaterial({self.first_lame.shape} cells, {values})"
+    def lame_moduli(self) -> tuple[float, float]:
+        """First and second Lamé parameter in kPa."""
+        return self.first_lame, self.shear_modulus

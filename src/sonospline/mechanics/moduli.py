@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ LARGEST_RATIO = 0.49
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Moduli:
     """Both Lamé moduli of every cell, in the material's unit of stress (kPa).
 
@@ -40,7 +41,7 @@ class Moduli:
     ValueError
         A modulus out of range, a contrast above a million, or cells nearer to
         incompressible than Poisson's ratio 0.49 (fluids excepted, see
-        :class:`sonospline.mechanics.TissueMaterial`).
+        :class:`sonospline.mechanics.Material`).
     """
 
     grid: Grid
@@ -78,8 +79,18 @@ class Moduli:
         cells = tuple(n - 1 for n in grid.shape)
         return cls(grid, np.full(cells, material.first_lame), np.full(cells, material.shear_modulus))
 
+    def __repr__(self) -> str:
+        """Name the moduli by all their values: kept results are found by it."""
+        values = hashlib.sha256(self.lame.tobytes() + self.shear.tobytes()).hexdigest()[:16]
+        return f"Moduli({' x '.join(map(str, self.shear.shape))} cells, {values})"
+
     @property
-    def largest_ratio(self) -> float:
+    def lame_moduli(self) -> tuple[Array, Array]:
+        """First and second modulus of each cell."""
+        return self.lame, self.shear
+
+    @property
+    def poissons_ratio(self) -> float:
         """Largest Poisson's ratio of any cell, lambda / 2 (lambda + mu)."""
         return float((self.lame / (2 * (self.lame + self.shear))).max())
 

@@ -15,8 +15,9 @@ from ..geometry.grid import FACES, Grid, face_slice
 from ..geometry.label_map import HALF, LabelMap
 from ..geometry.volume import Volume
 from ..io.labels import labels_named, names_of, read_labels
-from .moduli import Moduli
-from .tissue_material import MaterialTable, TissueMaterial, read_label_names
+from .material import Material
+from .material_table import MaterialTable, read_label_names
+from .moduli import Moduli, check_ratio
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class TissueMap:
     ----------
     labels : Volume
         Whole numbers; where the image ends, label 0 goes on: the background.
-    materials : mapping of int to TissueMaterial
+    materials : mapping of int to Material
         One for each label that occurs, and for label 0 where the tissue's box is larger than the image.
 
     Raises
@@ -52,13 +53,15 @@ class TissueMap:
     """
 
     labels: Volume
-    materials: Mapping[int, TissueMaterial]
+    materials: Mapping[int, Material]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", LabelMap.of(self.labels))
         missing = sorted(set(self._present) - set(self.materials))
         if missing:
             raise ValueError(f"labels {missing} have no material; add them to those of {sorted(self.materials)}")
+        for material in self.materials.values():
+            check_ratio(material.poissons_ratio)
 
     @classmethod
     def read(

@@ -16,8 +16,8 @@ from ..geometry.grid import Grid
 from ..geometry.volume import Volume
 from ..io.labels import labels_named, names_of, read_labels, warn_of_labels
 from ..io.volumes import read_volume
+from ..mechanics.material_table import MaterialTable, read_label_names
 from ..mechanics.tissue_map import TissueMap
-from ..mechanics.tissue_material import MaterialTable, read_label_names
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
 from ..ultrasound.phantom import Phantom

@@ -154,7 +154,7 @@ def default_load(tissue: Tissue, material: Material | TissueMap) -> Load:
     """
     if isinstance(material, TissueMap):
         return TissueForce(tissues=material, width=_WIDTH * tissue.grid.side)
-    return LineForce.for_cube(tissue.grid.side, material.youngs_modulus)
+    return LineForce.for_cube(tissue.grid.side, material.stiffness_kpa)
 
 
 def _make(

@@ -315,7 +315,7 @@ class ElasticSolver:
             grids,
             pinned_faces(self.tissue),
             full,
-            _HIGH_DEGREE if self.moduli.largest_ratio > _HIGH_RATIO else _DEGREE,
+            _HIGH_DEGREE if self.moduli.poissons_ratio > _HIGH_RATIO else _DEGREE,
             coarse_inverse(grids[-1], self.tissue, full),
         )
 

@@ -1,4 +1,4 @@
-"""What each labelled tissue is made of, and the table of it, read from TOML."""
+"""The table of materials by the names of tissues, read from TOML."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from importlib.resources import files
 from os import PathLike
 from typing import Any
 
-from .. import _validate
 from .._shown import shown
 from ..io.files import read_text
 from ..io.tables import read_names
@@ -18,65 +17,8 @@ from ..io.toml_text import TomlError, loads
 from .material import Material
 from .moduli import check_ratio
 
-FLUID_SHEAR = 0.01
-"""A fluid keeps its first modulus and this share of the second: it shears freely, at constant volume."""
-
 _BACKGROUND = "soft_tissue"
 """What label 0 is, where the names do not say."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TissueMaterial:
-    """Stiffness of one tissue and what a needle in it meets.
-
-    Parameters
-    ----------
-    stiffness_kpa : float
-        Young's modulus, above zero.
-    poissons_ratio : float, default: 0.45
-        At or above zero and at most 0.49.
-    friction_n_per_mm : float, default: 0.03
-        Force per length along the shaft, at or above zero.
-    cutting_force_n : float, default: 0.7
-        Force at an advancing tip, at or above zero.
-    rigid : bool, default: False
-        Bone: a cell is all bone where most of it is, and else none. Mixing would smear it.
-    fluid : bool, default: False
-        A hundredth of the shear modulus with the compressibility kept.
-    source : str, default: "assumed"
-        Where the values come from.
-
-    Raises
-    ------
-    ValueError
-        A value out of range.
-
-    Examples
-    --------
-    >>> from sonospline.mechanics import TissueMaterial
-    >>> [round(modulus, 3) for modulus in TissueMaterial(stiffness_kpa=6).lame_moduli]
-    [18.621, 2.069]
-    """
-
-    stiffness_kpa: float
-    poissons_ratio: float = 0.45
-    friction_n_per_mm: float = 0.03
-    cutting_force_n: float = 0.7
-    rigid: bool = False
-    fluid: bool = False
-    source: str = "assumed"
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness_kpa", "poissons_ratio", "friction_n_per_mm", "cutting_force_n"):
-            value = _validate.number(name, getattr(self, name), positive=name == "stiffness_kpa")
-            object.__setattr__(self, name, value)
-        check_ratio(self.poissons_ratio)
-
-    @property
-    def lame_moduli(self) -> tuple[float, float]:
-        """First and second Lamé modulus in kPa."""
-        solid = Material(self.stiffness_kpa, self.poissons_ratio)
-        return solid.first_lame, solid.shear_modulus * (FLUID_SHEAR if self.fluid else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +33,7 @@ class MaterialTable:
     (True, 'assumed')
     """
 
-    materials: Mapping[str, TissueMaterial]
+    materials: Mapping[str, Material]
 
     @classmethod
     def assumed(cls) -> MaterialTable:
@@ -113,11 +55,11 @@ class MaterialTable:
             raise ValueError(f"materials = {str(path)!r} is not TOML ({error}); write [liver] tables") from None
         return cls.assumed().preferring(_parsed(f"materials = {str(path)!r}", entries))
 
-    def preferring(self, others: Mapping[str, TissueMaterial]) -> MaterialTable:
+    def preferring(self, others: Mapping[str, Material]) -> MaterialTable:
         """Return the table with others in the place of, and before, its own."""
         return MaterialTable({**others, **{k: v for k, v in self.materials.items() if k not in others}})
 
-    def __getitem__(self, name: str) -> TissueMaterial:
+    def __getitem__(self, name: str) -> Material:
         """Return the material of a tissue.
 
         Raises
@@ -143,8 +85,8 @@ def _assumed() -> MaterialTable:
     return MaterialTable(_parsed("assumed_materials.toml", loads(text)))
 
 
-def _parsed(where: str, entries: dict[str, Any]) -> dict[str, TissueMaterial]:
-    known = [field.name for field in fields(TissueMaterial)]
+def _parsed(where: str, entries: dict[str, Any]) -> dict[str, Material]:
+    known = [field.name for field in fields(Material)]
     table = {}
     for name, values in entries.items():
         if not isinstance(values, dict):
@@ -157,7 +99,8 @@ def _parsed(where: str, entries: dict[str, Any]) -> dict[str, TissueMaterial]:
         if "stiffness_kpa" not in values:
             raise ValueError(f"{where}: [{name}] lacks stiffness_kpa; add it")
         try:
-            table[name] = TissueMaterial(**values)
+            table[name] = Material(**values)
+            check_ratio(table[name].poissons_ratio)
         except ValueError as error:
             raise ValueError(f"{where}: [{name}] {error}") from None
     return table
