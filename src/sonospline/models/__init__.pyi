@@ -22,6 +22,7 @@ from .registry import make as make
 from .registry import names as names
 from .registry import register as register
 from .registry import spec as spec
+from .registry import titles as titles
 from .spline import Biharmonic as Biharmonic
 from .spline import Insertion as Insertion
 from .spline import NeedleTissueModel as NeedleTissueModel

@@ -29,6 +29,8 @@ class Option:
         Range, ends included.
     choices : tuple of str
         What a choice is one of; words that a number may be instead.
+    live : (float, float), optional
+        The narrower range of scene files, which strangers may send; they cannot give an option that has none.
 
     Examples
     --------
@@ -49,6 +51,7 @@ class Option:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    live: tuple[float, float] | None = None
 
     def check(self, value: Any, *, name: str | None = None) -> Any:
         """Return a value that the model may be given; ``name`` is what errors call the option.

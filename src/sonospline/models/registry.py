@@ -149,6 +149,11 @@ def spec(name: str) -> ModelSpec:
     return table[_validate.choice("model", name, table)]
 
 
+def titles() -> dict[str, str]:
+    """Return what people read for the name of each model."""
+    return {name: known.title for name, known in _discover().items()}
+
+
 def able(*capabilities: str) -> tuple[str, ...]:
     """Return the names of the models that can do all of the capabilities."""
     return tuple(name for name, known in _discover().items() if known.capabilities.issuperset(capabilities))

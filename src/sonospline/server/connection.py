@@ -8,7 +8,7 @@ from operator import methodcaller
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..io.records import FieldError
-from ..simulator.scene_file import MODELS
+from ..models import registry
 from . import client_messages as heard
 from . import server_messages as said
 from .client_messages import MessageError
@@ -146,8 +146,9 @@ class Connection:
         self._seq = seq
 
     def _switch(self, model: str) -> None:
-        if model not in MODELS:
-            raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(MODELS)}")
+        known = registry.names()
+        if model not in known:
+            raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(known)}")
         self._ready("message").act(lambda console: console.session.switch(model))
         self._sender.say(said.ModelMessage(model=model))
 

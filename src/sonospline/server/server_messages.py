@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
+from ..models import registry
 from ..simulator.command import Command
 from ..simulator.knobs import SceneKnob
-from ..simulator.scene_file import MODELS
 from .client_messages import snake_case
 
 if TYPE_CHECKING:
@@ -127,7 +127,8 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
         return cls(
             id=id, name=spec.name, frame=SkinDirections(right=right, depth=depth, out=out, skin_origin=origin),
             box=Box(low=low, high=high),
-            models=tuple(Choice(id=key, name=name) for key, name in MODELS.items()), model=console.session.model,
+            models=tuple(Choice(id=key, name=name) for key, name in registry.titles().items()),
+            model=console.session.model,
             probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
             targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets),
             target=console.session.target,

@@ -12,18 +12,17 @@ from ..io.records import LONGEST_LIST, FieldError, Record, Text, about, read, sc
 from ..io.toml_text import TomlError, loads
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.probe import PROBES
+from .model_part import ModelPart
 
 Triple = tuple[float, float, float]
 Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
-ModelName = Literal["paper", "kelvinlet", "elastic"]
 if TYPE_CHECKING:
     Look: TypeAlias = str
     ProbeKind: TypeAlias = str
 else:
     Look, ProbeKind = Literal[tuple(LOOKS)], Literal[tuple(PROBES)]
 
-MODELS: dict[str, str] = {"paper": "Paper spline", "kelvinlet": "Kelvinlet", "elastic": "Elastic"}
 LONGEST = 64 * 1024
 """Characters of a scene file."""
 SHIPPED = ("kidney", "gel", "cube")
@@ -43,15 +42,6 @@ class TissuePart(Record, frozen=True, kw_only=True):
     low: Annotated[Triple, about("one corner of the mechanical box, RAS mm; by default the whole image")] | None = None
     high: Annotated[Triple, about("the opposite corner")] | None = None
     nodes: Annotated[int, about("nodes of the display grid, about", low=1000, high=500_000)] = 40_000
-
-
-class ModelPart(Record, frozen=True, kw_only=True):
-    """How the tissue answers."""
-
-    use: Annotated[ModelName, about("the model at the start")] = "elastic"
-    solver_nodes: Annotated[int, about("nodes of the elastic solver, about", low=1000, high=200_000)] = 15_625
-    drag_mm: Annotated[float, about("displacement at the shaft, Kelvinlet", low=0.0, high=50.0)] | None = None
-    poissons_ratio: Annotated[float, about("of homogeneous tissue", low=0.0, high=0.49)] = 0.45
 
 
 class NeedlePart(Record, frozen=True, kw_only=True):

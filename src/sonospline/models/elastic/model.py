@@ -172,10 +172,13 @@ SPEC = ModelSpec(
     summary="live finite elements on label maps, in N, kPa and s",
     maker=_make,
     options=(
-        Option(name="solver_nodes", kind="whole", default=25**3, low=8, high=10**10, help="solver grid, about"),
-        Option(name="tolerance", default=TOLERANCE, low=1e-5, high=1, help="error at which a step ends, of the field"),
-        Option(name="budget", kind="whole", default=BUDGET, low=1, high=200, help="most iterations of a step"),
+        Option(name="solver_nodes", kind="whole", default=25**3, low=8, high=10**10, live=(1000, 200_000),
+               help="nodes of the elastic solver, about"),
+        Option(name="tolerance", default=TOLERANCE, low=1e-5, high=1, live=(1e-3, 1),
+               help="error of the field at which a step ends"),
+        Option(name="budget", kind="whole", default=BUDGET, low=1, high=200, live=(1, 100),
+               help="iterations of a step, at most"),
     ),
     capabilities=ElasticModel.capabilities,
     properties=("stiffness_kpa", "poissons_ratio"),
-)
+)  # fmt: skip

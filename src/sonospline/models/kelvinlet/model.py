@@ -151,8 +151,9 @@ SPEC = ModelSpec(
     summary="elastic kernel, one drag along the axis; mesh-free, homogeneous",
     maker=_make,
     options=(
-        Option(name="drag_mm", unit="mm", low=0, high=1e4, help="displacement at the shaft (0.028 of the side)"),
+        Option(name="drag_mm", unit="mm", low=0, high=1e4, live=(0, 50),
+               help="displacement at the shaft; by default 0.028 of the side"),
         Option(name="anchors", kind="whole", default=7, low=2, high=1000, help="anchors along a face side"),
     ),
     properties=("poissons_ratio",),
-)
+)  # fmt: skip
