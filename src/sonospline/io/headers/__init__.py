@@ -5,6 +5,7 @@ here first, by a grammar narrower than ITK's: what is not understood is refused,
 """
 
 from .errors import WHOLE, HeaderError
-from .header import SUFFIXES, Header, read_header
+from .header import Header
+from .reading import SUFFIXES, read_header
 
 __all__ = ["SUFFIXES", "WHOLE", "Header", "HeaderError", "read_header"]

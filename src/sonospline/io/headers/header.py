@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite, prod
 from pathlib import Path
@@ -12,11 +12,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import open_file
 from .errors import HeaderError
 from .payload import Payload
-
-SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 
 LARGEST_MM = 1e9
 """Coordinates and spacings beyond are no millimetres of anybody's."""
@@ -94,31 +91,6 @@ class Header:
         """Return the voxels of a compressed file, indexed along the axes of :attr:`sizes`."""
         stored = self.payload.unpacked(self.voxels_bytes).view(self.dtype).reshape(self.sizes, order="F")
         return stored.astype(self.dtype.newbyteorder("="), copy=False)
-
-
-Parser = Callable[[Path, BinaryIO], Header]
-
-
-def read_header(path: Path, name: str = "volume") -> Header:
-    """Read and check the header of an image file, by its suffix.
-
-    Raises
-    ------
-    HeaderError
-        A header that is not of its format, or that cannot be true.
-    ValueError
-        No ordinary file.
-    """
-    from . import meta_image, nifti, nrrd
-
-    parsers: dict[str, Parser] = {
-        ".mha": meta_image.parse, ".mhd": meta_image.parse, ".nrrd": nrrd.parse, ".nhdr": nrrd.parse,
-        ".nii": nifti.parse, ".gz": nifti.parse_packed,
-    }  # fmt: skip
-    with open_file(path, name, "the path of an image file") as stream:
-        header = parsers[path.suffix.lower()](path, stream)
-    header.check()
-    return header
 
 
 def lines(stream: BinaryIO) -> Iterator[bytes]:

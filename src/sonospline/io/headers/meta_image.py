@@ -36,7 +36,7 @@ _TYPES = {
 
 def parse(path: Path, stream: BinaryIO) -> Header:
     """Return the header of a MetaImage file."""
-    fields = _fields(stream)
+    fields = _header_fields(stream)
     count = whole("NDims", _needed(fields, "NDims"))
     if not 1 <= count <= _MOST_DIMENSIONS:
         raise HeaderError(f"NDims = {count}")
@@ -66,7 +66,7 @@ def parse(path: Path, stream: BinaryIO) -> Header:
     return _from_the_end(header) if fields.get("HeaderSize") == "-1" else header
 
 
-def _fields(stream: BinaryIO) -> dict[str, str]:
+def _header_fields(stream: BinaryIO) -> dict[str, str]:
     """Names and values up to the last one, which names the data."""
     fields: dict[str, str] = {}
     for line in lines(stream):

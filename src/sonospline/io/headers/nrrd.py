@@ -52,7 +52,7 @@ _RAW, _PACKED, _TEXT = ("raw",), ("gzip", "gz"), ("ascii", "text", "txt", "hex")
 
 def parse(path: Path, stream: BinaryIO) -> Header:
     """Return the header of a NRRD file."""
-    fields, tracked = _fields(stream)
+    fields, tracked = _header_fields(stream)
     for name in ("type", "dimension", "sizes", "encoding"):
         if name not in fields:
             raise HeaderError(f"its header lacks {name!r}")
@@ -79,7 +79,7 @@ def parse(path: Path, stream: BinaryIO) -> Header:
     )
 
 
-def _fields(stream: BinaryIO) -> tuple[dict[str, str], bool]:
+def _header_fields(stream: BinaryIO) -> tuple[dict[str, str], bool]:
     """Fields up to the empty line that ends the header, and whether poses of frames are among its keys."""
     if not _MAGIC.fullmatch(stream.readline(16)):
         raise HeaderError("no NRRD header")
