@@ -29,7 +29,7 @@ REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_BROWSER") == "1"
 PATIENCE_S = float(os.environ.get("SONOSPLINE_PATIENCE_S", "180"))
 """Machines are shared: a page that is slow is not a page that is wrong."""
 
-# Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster
+# Compositing without a graphics card goes through the processor anyway; with this Chromium does it ten times faster
 # than through a simulated card. The 3-D view keeps its WebGL.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
 

@@ -71,9 +71,9 @@ def test_pulling_back_and_another_axis(backend):
 
 def test_the_set_up_is_told_and_kept_on_disk(a_cache_of_its_own, monkeypatch):
     tissue = ss.Tissue(ss.Grid.unit_cube(9))
-    told = []
-    _, first = insert_into(tissue, anchors="all", progress=lambda done, of: told.append((done, of)))
-    assert told == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+    reported = []
+    _, first = insert_into(tissue, anchors="all", progress=lambda done, of: reported.append((done, of)))
+    assert reported == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
     assert len(list(a_cache_of_its_own.glob("faces-*/block?.npy"))) == 4
 
     def refuse(*_):

@@ -102,15 +102,15 @@ def test_the_three_models_are_compared_with_finite_elements_in_every_scene(finis
 
 
 def test_other_settings_a_missing_and_a_damaged_part_are_computed_anew(tmp_path, caplog):
-    told = []
-    notebook = Notebook(tmp_path, told.append)
+    reported = []
+    notebook = Notebook(tmp_path, reported.append)
     assert notebook.part("a_sum", {"n": 1}, lambda: [1, 2]) == [1, 2]
     assert notebook.part("a_sum", {"n": 2}, lambda: 3) == 3
     assert notebook.part("a_sum", {"n": 2}, lambda: pytest.fail("computed again")) == 3
     for damage in ("{", "[]", '{"format": 1}'):
         (tmp_path / "a_sum.json").write_text(damage)
         assert notebook.part("a_sum", {"n": 2}, lambda: 4) == 4
-    assert told == ["a sum"] * 5
+    assert reported == ["a sum"] * 5
     assert caplog.text.count("made anew") == 3
 
 

@@ -242,9 +242,9 @@ def test_the_reference_itself_has_no_error_in_or_off_the_plane(a_reference):
 
 
 def test_every_reading_is_measured_or_says_why_not(a_reference):
-    told = []
-    found = readings.compare_readings([a_reference], steps=3, progress=lambda *done: told.append(done))
-    assert len(found) == len(told) == told[-1][0] == told[-1][1]
+    reported = []
+    found = readings.compare_readings([a_reference], steps=3, progress=lambda *done: reported.append(done))
+    assert len(found) == len(reported) == reported[-1][0] == reported[-1][1]
     assert {reading.group for reading in found} == {"units", "rows", "epsilon"}
     assert {reading.accumulation for reading in found} == {"maximum", "current", "additive", "moving mesh"}
     by_name = {(reading.name, reading.accumulation): reading for reading in found}

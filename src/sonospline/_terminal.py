@@ -14,7 +14,7 @@ from typing import TextIO
 _ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 _INSIST_S = 0.5
-_told: int | None = None
+_signal: int | None = None
 """The signal that ends this process, once it came."""
 
 
@@ -43,8 +43,8 @@ def signals_that_clean_up() -> Iterator[None]:
 
 def _leave(number: int, frame: FrameType | None) -> None:
     """Raise SystemExit, and again until it is on its way: compiled modules swallow one now and then."""
-    global _told
-    _told = number
+    global _signal
+    _signal = number
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, lambda _, frame: _leave(number, frame))
         signal.setitimer(signal.ITIMER_REAL, _INSIST_S)
@@ -52,10 +52,10 @@ def _leave(number: int, frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
 
 
-def leave_if_told(error: Exception) -> None:
+def leave_if_signalled(error: Exception) -> None:
     """Raise SystemExit where a signal came that a compiled module turned into some other error."""
-    if _told is not None:
-        raise SystemExit(128 + _told) from error
+    if _signal is not None:
+        raise SystemExit(128 + _signal) from error
 
 
 def say(text: str) -> None:

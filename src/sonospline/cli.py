@@ -1,7 +1,7 @@
 """The command line: one thin verb for each capability.
 
 Data goes to stdout, progress and messages to stderr. Exit codes: 0 done, 1 failed,
-2 bad input (one line: what, which value, what would be right), 130 interrupted, 143 told to end.
+2 bad input (one line: what, which value, what would be right), 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _run(arguments: list[str]) -> int:
         report = verbs[args.verb].run(args)
         _terminal.answer(json.dumps(report, indent=2) if args.json else verbs[args.verb].describe(report, args))
     except Exception as error:
-        _terminal.leave_if_told(error)
+        _terminal.leave_if_signalled(error)
         if args is not None and args.traceback:
             raise
         _terminal.say(f"sonospline{'' if args is None else f' {args.verb}'}: {_in_one_line(error)}")

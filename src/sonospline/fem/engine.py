@@ -15,7 +15,6 @@ from ..mechanics.moduli import Moduli
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-INTEGRATIONS = ("full", "mean_dilatation")
 SOLVERS = ("multigrid", "direct", "from_scratch")
 
 _LOCKS_ABOVE = 0.47
@@ -66,7 +65,7 @@ class System:
     """(N,) nodes whose displacement is prescribed, all components of it."""
     material: Material | Moduli
     integration: str
-    """One of :data:`INTEGRATIONS`."""
+    """One of :data:`~sonospline.mechanics.moduli.INTEGRATIONS`."""
     solver: str
     """One of :data:`SOLVERS`."""
     tolerance: float

@@ -13,8 +13,8 @@ from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..mechanics.loads import Load
 from ..mechanics.material import Material
-from ..mechanics.moduli import Moduli
-from .engine import INTEGRATIONS, SOLVERS, Engine, StepTimes, System, check_locking
+from ..mechanics.moduli import INTEGRATIONS, Moduli
+from .engine import SOLVERS, Engine, StepTimes, System, check_locking
 from .fenicsx import FEniCSx
 from .mesh import ELEMENTS, cells
 from .scikit import ScikitFem

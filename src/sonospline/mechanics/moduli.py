@@ -17,6 +17,8 @@ LARGEST_CONTRAST = 1e6
 """Stiffest over softest shear modulus, at most."""
 SMALLEST_MODULUS, LARGEST_MODULUS = 1e-9, 1e12
 """In kPa, from a smoke to a diamond: what float32 can square."""
+INTEGRATIONS = ("full", "mean_dilatation")
+"""How finite elements take a cell's change of volume: at every point, or by its mean (B-bar), which does not lock."""
 LARGEST_RATIO = 0.49
 """Poisson's ratio, at most: beyond it multigrid converges too slowly to be live."""
 

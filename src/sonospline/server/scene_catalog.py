@@ -131,7 +131,7 @@ class SceneCatalog:
     def _prepare(self) -> None:
         try:
             self._prepared = _console(self._scene(self.first, self._pass_on), self._pass_on)
-        except Exception as error:  # the first page is told why, when it asks
+        except Exception as error:  # said to the first page that asks
             logger.warning("scene %s could not be made: %s", self.first, error)
 
     def _pass_on(self, share: float) -> None:

@@ -9,15 +9,15 @@ from typing import Any
 
 from .._extras import require
 
-# Compositing without a graphics card goes through the processor anyway; told so, Chromium does it ten times faster
+# Compositing without a graphics card goes through the processor anyway; with this Chromium does it ten times faster
 # than through a simulated card. The 3-D view keeps its WebGL.
 ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing")
 _VIEW = {"width": 1440, "height": 900}
 _LISTEN = """
-window.told = [];
+window.entries = [];
 new PerformanceObserver((list) => {
     for (const {name, startTime, duration} of list.getEntries())
-        if (name === "pose to drawn") window.told.push([startTime, duration]);
+        if (name === "pose to drawn") window.entries.push([startTime, duration]);
 }).observe({entryTypes: ["measure"]});
 """
 _PATIENCE_MS = 60_000
@@ -66,5 +66,5 @@ def pose_to_drawn_ms(address: str, seconds: float) -> list[float]:
             page.keyboard.down(key)
             page.wait_for_timeout(500 * seconds)
             page.keyboard.up(key)
-        told = page.evaluate("window.told")
-    return [duration for start, duration in told if start > begun + _WARM_UP_MS]
+        entries = page.evaluate("window.entries")
+    return [duration for start, duration in entries if start > begun + _WARM_UP_MS]

@@ -38,7 +38,7 @@ def write(results: Row, about: Row) -> str:
             [
                 *_head(results, about),
                 *_table_1(results),
-                *_figures(results),
+                *_pictures(results),
                 *_times(results["times"]),
                 *_errors(results),
                 *compared_models(results),
@@ -82,7 +82,7 @@ def _table_1(results: Row) -> Iterable[str]:
     for model, label in (("paper", "Table I"), ("tuned", "ours")):
         for group, which in (("tuning", "tuned on"), ("held_out", "held out")):
             mean = results["target"][model][group]["mean"]
-            cells.append((label, which, *_figures_of(mean)))
+            cells.append((label, which, *_errors_of(mean)))
     nothing = results["target"]["tuned"]["held_out"]["mean"]
     cells.append(
         ("doing nothing", "held out", f"{nothing['zero_mae']:.2e}", f"{nothing['zero_rmse']:.2e}", "1.000", "")
@@ -92,7 +92,7 @@ def _table_1(results: Row) -> Iterable[str]:
     yield "Ours, insertion by insertion:"
     yield table(
         ("insertion", "MAE", "RMSE", "MAE / mean u", "at the tip"),
-        [(name, *_figures_of(errors)) for name, errors in held_out.items()],
+        [(name, *_errors_of(errors)) for name, errors in held_out.items()],
     )
     yield (
         f"Nodes whose FEM displacement exceeds {nothing['threshold']:g} count; that is every node not clamped. "
@@ -100,7 +100,7 @@ def _table_1(results: Row) -> Iterable[str]:
     )
 
 
-def _figures(results: Row) -> Iterable[str]:
+def _pictures(results: Row) -> Iterable[str]:
     yield "## Figures"
     yield "![Fig. 1: mesh, deformation, tip and shaft regions](figure_1.png)"
     yield "![Fig. 2: deformed mesh, slices, histogram of errors, image before and after](figure_2.png)"
@@ -153,7 +153,7 @@ def _errors(results: Row) -> Iterable[str]:
                 "ours" if row["model"] == "tuned" else "Table I",
                 f"{row['side']}^3",
                 f"{row['depth']:.0%}",
-                *_figures_of(row),
+                *_errors_of(row),
             )
             for row in rows
             if row["depth"] in shown
@@ -170,7 +170,7 @@ def _plane(rows: list[Row]) -> Iterable[str]:
     yield table(
         ("model", "where", "MAE", "RMSE", "MAE / mean u"),
         [
-            (row["model"], row["where"].replace("_", " "), *_figures_of(row)[:3])
+            (row["model"], row["where"].replace("_", " "), *_errors_of(row)[:3])
             for row in mean_rows(rows, "model", "where")
         ],
     )
@@ -204,6 +204,6 @@ def _readings(rows: list[Row]) -> Iterable[str]:
     )
 
 
-def _figures_of(row: Row) -> tuple[str, str, str, str]:
+def _errors_of(row: Row) -> tuple[str, str, str, str]:
     tip = row.get("at_tip")
     return f"{row['mae']:.2e}", f"{row['rmse']:.2e}", f"{row['relative']:.3f}", "" if tip is None else f"{tip:.2e}"

@@ -81,7 +81,7 @@ def _by_scene(rows: list[Row], scenes: list[str]) -> str:
     shown = [model for model in MODELS if any(found == model for _, found in means)]
     return table(
         ("scene", *(MODELS[model] for model in shown)),
-        [(scene, *(_figures_of(means.get((scene, model))) for model in shown)) for scene in scenes],
+        [(scene, *(_errors_of(means.get((scene, model))) for model in shown)) for scene in scenes],
     )
 
 
@@ -99,5 +99,5 @@ def _by_tissue(rows: list[Row]) -> str:
     )
 
 
-def _figures_of(row: Row | None) -> str:
+def _errors_of(row: Row | None) -> str:
     return "" if row is None else f"{row['relative']:.3f} ({row['tip_share']:.3f})"

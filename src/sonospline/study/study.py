@@ -144,18 +144,18 @@ def _references(
 
 
 def mean_rows(rows: Sequence[Row], *keys: str) -> list[Row]:
-    """Return the means of all figures over rows that agree in ``keys``, in order of appearance."""
+    """Return the means of all errors over rows that agree in ``keys``, in order of appearance."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
-    figures = [name for name in _FIGURES if rows and rows[0].get(name) is not None]
+    averaged = [name for name in _ERRORS if rows and rows[0].get(name) is not None]
     return [
-        dict(zip(keys, values, strict=True)) | {f: float(np.mean([row[f] for row in group])) for f in figures}
+        dict(zip(keys, values, strict=True)) | {f: float(np.mean([row[f] for row in group])) for f in averaged}
         for values, group in groups.items()
     ]
 
 
-_FIGURES = (*(f.name for f in fields(Errors)), "tip_share")
+_ERRORS = (*(f.name for f in fields(Errors)), "tip_share")
 
 
 def _tune(plan: Plan) -> Row:

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _core, _memory, _validate
-from ...fem.engine import INTEGRATIONS
 from ...fields.grid_field import GridField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
 from ...mechanics.loads import Load
 from ...mechanics.material import Material
-from ...mechanics.moduli import Moduli
+from ...mechanics.moduli import INTEGRATIONS, Moduli
 from ...mechanics.shaft_displacement import ShaftDisplacement
 from ...mechanics.tissue_map import TissueMap
 from .error_safety import UNIFORM, error_safety

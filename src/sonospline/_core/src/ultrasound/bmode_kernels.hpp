@@ -12,7 +12,7 @@ constexpr int kStripLines = 32;
 constexpr int kFrameFloats = 16;       // of one cell: see CellFrame
 constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, each lateral, elevation, axial; then 0, or in the first whether the beams lie narrow
 constexpr int kBinPad = 64;            // half-samples kept beyond either end of a beam
-constexpr int kLateralRun = 32;        // floats for which the beam's width is told
+constexpr int kLateralRun = 32;        // floats for which the beam's width is given
 constexpr int kEchoSlack = 64;         // scatterers that may be read past the last
 
 struct BeamGeometry {
