@@ -204,7 +204,7 @@ def test_environment_chooses_instruction_set_and_threads():
 
 def test_unknown_backend_is_refused_by_name_with_the_choices():
     refusal = "SONOSPLINE_BACKEND='gpu' is not known; use 'core' or 'numpy'"
-    failed = run_python("from sonospline import Field", SONOSPLINE_BACKEND="gpu")
+    failed = run_python("from sonospline import Insertion", SONOSPLINE_BACKEND="gpu")
     assert failed.returncode != 0
     assert refusal in failed.stderr
     failed = run_python(

@@ -100,3 +100,4 @@ void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
 void bind_reslice(nanobind::module_ &m);
 void bind_scatterers(nanobind::module_ &m);
+void bind_sums(nanobind::module_ &m);
