@@ -135,13 +135,13 @@ BAD = {
     "zero steps": (["--steps", "0"], "steps = 0 is too small"),
     "too few nodes": (["--nodes", "3"], "--nodes = 3 is too small"),
     "unknown face": (["--entry-face", "left"], "entry_face = 'left'"),
-    "one anchor": (["--anchors", "1"], "anchors = 1 is too small"),
-    "no landmarks": (["--max-landmarks", "0"], "--max-landmarks = 0 is too small"),
-    "negative smoothing": (["--smoothing", "-1"], "smoothing = -1.0 is out of range"),
+    "one anchor": (["--anchors", "1"], "--anchors = 1 is out of range"),
+    "no landmarks": (["--max-landmarks", "0"], "--max-landmarks = 0 is out of range"),
+    "negative smoothing": (["--smoothing", "-1"], "--smoothing = -1 is out of range"),
     "negative seed": (["--seed", "-1"], "seed = -1 is too small"),
     "negative parameter": (["--set", "shaft_pull=-1"], "shaft_pull = -1 is out of range"),
     "zero radius": (["--set", "shaft_radius=0"], "shaft_radius = 0 is out of range"),
-    "unknown parameter": (["--set", "f_max=1"], "unknown parameter 'f_max'"),
+    "unknown parameter": (["--set", "f_max=1"], "f_max is no option of model = 'paper'"),
     "no value": (["--set", "shaft_pull"], "--set 'shaft_pull' is not NAME=VALUE"),
     "no such parameter file": (["--parameters", "nowhere.toml"], "--parameters = 'nowhere.toml' does not exist"),
     "no such volume": (
@@ -325,8 +325,8 @@ def test_without_a_path_the_needle_comes_from_the_front(label_files, tmp_path, c
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--model", "elastic", "--set", "shaft_radius=3"], "--set belongs to --model paper, not to --model elastic"),
-        (["--drag", "2"], "--drag belongs to --model kelvinlet"),
+        (["--model", "elastic", "--set", "shaft_radius=3"], "shaft_radius is no option of model = 'elastic'"),
+        (["--drag-mm", "2"], "--drag-mm belongs to --model kelvinlet"),
         (["--model", "elastic", "--poisson", "0.5"], "poissons_ratio = 0.5 is out of range"),
         (["--model", "elastic", "--stiffness", "0"], "stiffness_kpa = 0"),
         (["--model", "elastic", "--labels", "absent.nii.gz"], "'absent.nii.gz' does not exist"),

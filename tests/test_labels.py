@@ -227,7 +227,8 @@ def test_an_acoustic_table_is_read_by_the_same_rules(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 @pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
 def test_what_is_no_ordinary_file_is_refused_at_once(tmp_path, kind):
-    from sonospline.commands._parameters import apply
+    from sonospline import models
+    from sonospline.commands import _parameters
     from sonospline.io.volumes import read_volume
     from sonospline.mechanics import MaterialTable
     from sonospline.ultrasound import Frame, read_dicom
@@ -242,12 +243,11 @@ def test_what_is_no_ordinary_file_is_refused_at_once(tmp_path, kind):
             path.symlink_to("/dev/zero")
         return path
 
-    model = ss.NeedleTissueModel.paper()
     readers = {
         "names.csv": read_names,
         "table.csv": read_table,
         "materials.toml": MaterialTable.read,
-        "parameters.toml": lambda path: apply(model, path, [], 1.0),
+        "parameters.toml": lambda path: _parameters.read(path, models.spec("paper"), 1.0),
         "scene.toml": SceneFile.read,
         "volume.mha": read_volume,
         "labels.nii.gz": ss.read_labels,

@@ -30,17 +30,18 @@ SMALL = {
 MORE = {"insert": ["anchors", "set=shaft_radius", "entry", "target"], "image": ["origin", "look"]}
 """Numbers that argparse takes as text."""
 NEEDS = {
-    "drag": ["--model", "kelvinlet"],
+    "drag-mm": ["--model", "kelvinlet"],
     "poisson": ["--model", "kelvinlet"],
     "stiffness": ["--model", "elastic"],
     "solver-nodes": ["--model", "elastic"],
     "seconds": ["--live"],
 }
+AMPLITUDES = {"shaft-displacement", "shaft-pull", "tip-displacement"}
 ALLOWED = {
-    **{option: {"0"} for option in ("seed", "port", "smoothing", "drag", "poisson", "cine")},
+    **{option: {"0"} for option in ("seed", "port", "smoothing", "drag-mm", "poisson", "cine", *AMPLITUDES)},
     "gain": {"-1", "0", "1e-300"},
 }
-TINY = {"smoothing", "drag", "poisson", "gain", "set=shaft_radius"}
+TINY = {"smoothing", "drag-mm", "poisson", "gain", *AMPLITUDES}
 """Options for which 1e-300 is as good as zero, and above it."""
 
 

@@ -6,13 +6,14 @@ import subprocess
 import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import sonospline as ss
 from builds import run_without
-from sonospline import cli
+from sonospline import cli, models
 from sonospline.commands import _parameters, tune
 from sonospline.study import front_files, parallel
 from sonospline.study.insertions import tuning_insertions
@@ -173,7 +174,7 @@ def test_the_verb_writes_a_front_and_parameters_that_insert_accepts(tmp_path, ca
     assert len(table) == len(printed["front"])
     file = tmp_path / "out" / "parameters.toml"
     side = 50.0
-    model = _parameters.apply(ss.NeedleTissueModel.paper(side), file, [], side)
+    model = replace(ss.NeedleTissueModel.paper(side), **_parameters.read(file, models.spec("paper"), side))
     for name, value in printed["parameters"].items():
         assert getattr(model, name) == pytest.approx(side * value)
 
@@ -253,13 +254,13 @@ def test_a_scheduler_that_does_not_answer_is_refused(address, tmp_path, capsys, 
     [
         ('unit = "inch"', "unit = 'inch' is not known; choose one of mm, side"),
         ('unit = "side"\nshaft_decay = "wide"', "shaft_decay = 'wide' is not a number"),
-        ('unit = "side"\nsigma_s = 1', "unknown parameter 'sigma_s'"),
+        ('unit = "side"\nsigma_s = 1', "sigma_s is no option of model = 'paper'"),
     ],
 )
 def test_a_parameter_file_that_makes_no_sense_is_refused(content, message, tmp_path):
     (tmp_path / "model.toml").write_text(content)
     with pytest.raises(ValueError, match=message):
-        _parameters.apply(ss.NeedleTissueModel.paper(), tmp_path / "model.toml", [], 1.0)
+        _parameters.read(tmp_path / "model.toml", models.spec("paper"), 1.0)
 
 
 def test_a_missing_pymoo_is_one_clear_line(tmp_path):

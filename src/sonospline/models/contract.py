@@ -238,6 +238,10 @@ class TissueModel(ABC):
         named = self._check_needles(needles)
         return self._answer(state, dict(named), _validate.number("dt", dt))
 
+    def facts(self, response: Response) -> dict[str, Any]:
+        """Return what a summary says of a response: numbers, texts and lists of them, by name."""
+        return {}
+
     @abstractmethod
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
         """Answer to arguments that are checked; needles come in the order of their names."""

@@ -13,6 +13,7 @@ from .contract import Response, State, TissueModel
 
 NEEDLE = "needle"
 """What the one needle is called in states and forces."""
+_MOST_STEPS = 400
 _SHORTEST_STEP = 1e-9
 """In sides of the tissue."""
 
@@ -58,6 +59,18 @@ class NeedleInsertion:
         """
         self.response = self.tissue_model.step(self.response.state, {NEEDLE: needle})
         return self.response.field
+
+    def settle(self) -> Field:
+        """Leave the needle where it is until the tissue has come to rest, and return the field.
+
+        After 400 steps tissue that does not is left as it is: :attr:`response` says so.
+        """
+        if self.needle is not None:
+            for _ in range(_MOST_STEPS):
+                if self.response.settled:
+                    break
+                self.advance(self.needle)
+        return self.field
 
     def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
         """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""

@@ -64,6 +64,8 @@ class ModelSpec:
         What it can do, of :data:`~sonospline.models.CAPABILITIES`.
     properties : tuple of str
         Those of homogeneous tissue that its answer depends on: ``stiffness_kpa``, ``poissons_ratio``.
+    reports_progress : bool, default: False
+        Whether the maker takes ``progress(done, of)`` too, because it may take seconds.
 
     Raises
     ------
@@ -78,6 +80,7 @@ class ModelSpec:
     options: tuple[Option, ...] = ()
     capabilities: frozenset[str] = frozenset()
     properties: tuple[str, ...] = ()
+    reports_progress: bool = False
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.replace("-", "_").isidentifier()):
@@ -159,12 +162,19 @@ def able(*capabilities: str) -> tuple[str, ...]:
     return tuple(name for name, known in _discover().items() if known.capabilities.issuperset(capabilities))
 
 
+def require(name: str, capability: str) -> None:
+    """Raise CapabilityError where a model cannot do something, naming those that can."""
+    if capability not in spec(name).capabilities:
+        raise CapabilityError(name, capability, able(capability))
+
+
 def make(
     name: str,
     tissue: Tissue,
     materials: Material | TissueMap | None = None,
     *,
     needs: Iterable[str] = (),
+    progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> TissueModel:
     """Return a model of the table, made for a tissue.
@@ -179,6 +189,8 @@ def make(
         What it is made of, in kPa. By default soft tissue everywhere: 10 kPa, a Poisson's ratio of 0.45.
     needs : iterable of str
         What it must be able to do, of :data:`~sonospline.models.CAPABILITIES`.
+    progress : callable, optional
+        Called as ``progress(done, of)`` while a model that takes seconds is made.
     **options
         Those of :func:`spec`.
 
@@ -201,22 +213,19 @@ def make(
     """
     found = spec(name)
     for capability in needs:
-        _need(found, _validate.choice("needs", capability, CAPABILITIES))
+        require(name, _validate.choice("needs", capability, CAPABILITIES))
     if isinstance(materials, TissueMap):
-        _need(found, "labels")
+        require(name, "labels")
     elif not isinstance(materials, Material | None):
         raise ValueError(f"materials = {shown(materials)} is none; give a Material, or a TissueMap for labelled tissue")
     values = found.check(options)
+    if found.reports_progress:
+        values["progress"] = progress
     return found.maker(tissue, Material(DEFAULT_KPA) if materials is None else materials, **values)
 
 
 DEFAULT_KPA = 10.0
 """Young's modulus of tissue of which nothing is said: soft tissue."""
-
-
-def _need(found: ModelSpec, capability: str) -> None:
-    if capability not in found.capabilities:
-        raise CapabilityError(found.name, capability, able(capability))
 
 
 def _discover() -> dict[str, ModelSpec]:

@@ -9,6 +9,7 @@ from ...mechanics.material import Material
 from ...mechanics.tissue_map import TissueMap
 from ..insertion import NeedleInsertion
 from .model import ElasticModel, ElasticTissueState
+from .solver import SETTLED
 from .state import ElasticState
 from .strain import Strain, largest_strain
 
@@ -48,7 +49,7 @@ class ElasticInsertion(NeedleInsertion):
         self.solver = self.tissue_model.solver
         self.load = self.tissue_model.load
 
-    def settle(self, tolerance: float = 5e-3) -> GridField:
+    def settle(self, tolerance: float = SETTLED) -> GridField:
         """Iterate at the present pose until the error estimate is at most ``tolerance``.
 
         Raises

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _validate
+from ...fields.grid_field import GridField
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
 from ...mechanics.line_force import LineForce
@@ -22,6 +23,7 @@ from ..option import Option
 from ..registry import ModelSpec
 from .solver import BUDGET, SETTLED, TOLERANCE, ElasticSolver
 from .state import ElasticState
+from .strain import largest_strain
 
 Single = NDArray[np.float32]
 
@@ -131,6 +133,20 @@ class ElasticModel(TissueModel):
         assert isinstance(state, ElasticTissueState)
         solution = self.solver.settle(state.solution, tolerance=tolerance)
         return self._response(replace(state, solution=solution), response.forces)
+
+    def facts(self, response: Response) -> dict[str, Any]:
+        """The solver's grid, the range of stiffness, the error, and where the strain is largest."""
+        assert isinstance(response.field, GridField)
+        strain, moduli = largest_strain(response.field), self.solver.moduli
+        young = moduli.shear * (3 * moduli.lame + 2 * moduli.shear) / (moduli.lame + moduli.shear)
+        return {
+            "solver_shape": self.solver.grid.shape,
+            "young_kpa": [float(young.min()), float(young.max())],
+            "error_estimate": response.error_estimate,
+            "largest_strain": strain.largest,
+            "largest_strain_ras_mm": strain.place.tolist(),
+            "small_strain": strain.small,
+        }
 
     def _response(self, state: ElasticTissueState, forces: Mapping[str, NeedleForce]) -> Response:
         return Response(

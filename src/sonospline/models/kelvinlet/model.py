@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,11 @@ class KelvinletModel(TissueModel):
         return Response(
             state=State(self.identity, tuple(needles.items())), field=field, forces=UnknownForces(self.name)
         )
+
+    def facts(self, response: Response) -> dict[str, Any]:
+        """Landmarks and anchors, and what the model was told."""
+        landmarks = sum(len(self.landmarks(needle)) for _, needle in response.state.needles)
+        return {"landmarks": landmarks, "anchors": len(self.anchors), "model_mm": asdict(self.drag)}
 
     def landmarks(self, needle: Needle) -> Array:
         """Return the landmarks (m, 3) on a needle's shaft."""

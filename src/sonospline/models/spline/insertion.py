@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ...fields.composed_field import ComposedField
 from ...fields.kernel import Kernel
-from ...fields.kernel_field import KernelField
 from ...geometry.tissue import Tissue
 from ..insertion import NeedleInsertion
 from .faces import Progress
@@ -77,8 +75,4 @@ class Insertion(NeedleInsertion):
     @property
     def landmark_count(self) -> int:
         """Landmarks that the needle displaces at the present pose."""
-        if self.needle is None:
-            return 0
-        last = self.field.steps[-1] if isinstance(self.field, ComposedField) else self.field
-        assert isinstance(last, KernelField)
-        return len(last.centres) - len(self.anchors)
+        return self.tissue_model.landmark_count(self.response)

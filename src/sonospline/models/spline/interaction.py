@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 TABLE_I_SPACING = 1 / 24
 """k of the 25-node mesh Table I was tuned on: the unit of its tip lengths."""
 
+AMPLITUDES = ("shaft_displacement", "shaft_pull", "tip_displacement")
+"""Parameters that may be zero: the others divide."""
+
 _TIE = 1e-9
 """Points this near to being level with the entry or the tip, in needle lengths, count as level."""
 
@@ -70,10 +73,9 @@ class NeedleTissueModel:
     tip_length: float
 
     def __post_init__(self) -> None:
-        amplitudes = ("shaft_displacement", "shaft_pull", "tip_displacement")
         for field in fields(self):
             value = getattr(self, field.name)
-            checked = _validate.number(field.name, value, positive=field.name not in amplitudes)
+            checked = _validate.number(field.name, value, positive=field.name not in AMPLITUDES)
             object.__setattr__(self, field.name, checked)
 
     @classmethod

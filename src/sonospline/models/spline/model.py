@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from ..contract import Response, State, TissueModel, UnknownForces
 from ..option import Option
 from ..registry import ModelSpec
 from .faces import Progress
-from .interaction import NeedleTissueModel, interaction
+from .interaction import AMPLITUDES, NeedleTissueModel, interaction
 from .kernels import Biharmonic, Triharmonic
 from .landmarks import LandmarkPlan, plan_landmarks, select_anchors
 from .spline import PolyharmonicSpline
@@ -133,6 +133,21 @@ class SplineModel(TissueModel):
         """The state without a needle."""
         return SplineState(self.identity)
 
+    def landmark_count(self, response: Response) -> int:
+        """Return how many landmarks a response's needle displaces."""
+        field = response.field.steps[-1] if isinstance(response.field, ComposedField) else response.field
+        return len(field.centres) - len(self.anchors) if isinstance(field, KernelField) else 0
+
+    def facts(self, response: Response) -> dict[str, Any]:
+        """Landmarks and anchors, and what the model was told."""
+        return {
+            "landmarks": self.landmark_count(response),
+            "anchors": len(self.anchors),
+            "accumulation": self.accumulation,
+            "kernel": type(self.kernel).__name__.lower(),
+            "model_mm": asdict(self.needle_effect),
+        }
+
     def plan(self, state: State) -> LandmarkPlan | None:
         """Return the landmarks of a state's pass; None while the needle is out."""
         assert isinstance(state, SplineState)
@@ -237,10 +252,11 @@ def _make(
     anchors: int | Literal["all"],
     max_landmarks: int,
     accumulation: Accumulation,
-    **changes: float | None,
+    progress: Progress | None,
+    **lengths: float | None,
 ) -> SplineModel:
     preset = NeedleTissueModel.paper_incremental if accumulation == "incremental" else NeedleTissueModel.paper
-    given = {name: value for name, value in changes.items() if value is not None}
+    given = {name: value for name, value in lengths.items() if value is not None}
     return SplineModel(
         tissue,
         replace(preset(tissue.grid.side), **given),
@@ -249,8 +265,21 @@ def _make(
         max_landmarks=max_landmarks,
         smoothing=smoothing,
         accumulation=accumulation,
+        progress=progress,
     )
 
+
+_LENGTHS = {
+    "shaft_displacement": "drag of tissue at the shaft",
+    "shaft_pull": "pull of tissue towards the shaft",
+    "shaft_radius": "how far from the shaft tissue is moved",
+    "shaft_decay": "radial decay of the drag",
+    "pull_decay": "radial decay of the pull",
+    "tip_displacement": "push ahead of the tip",
+    "tip_radius": "radius of what the tip pushes",
+    "tip_length": "length of what the tip pushes",
+}
+"""The parameters of :class:`NeedleTissueModel`; those not given are Table I's."""
 
 SPEC = ModelSpec(
     name="paper",
@@ -265,5 +294,10 @@ SPEC = ModelSpec(
         Option(name="max_landmarks", kind="whole", default=300, low=1, high=1_000_000, help="most landmarks"),
         Option(name="accumulation", kind="choice", default="maximum", choices=("maximum", "incremental"),
                help="map from the reference, or Algorithm 1's moving mesh"),
+        *(
+            Option(name=name, unit="mm", low=0 if name in AMPLITUDES else 1e-6, high=1e6, help=f"{what} (Table I)")
+            for name, what in _LENGTHS.items()
+        ),
     ),
+    reports_progress=True,
 )  # fmt: skip
