@@ -13,7 +13,7 @@ from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
 from sonospline.io.records import FieldError
 from sonospline.server import client_messages, schema
-from sonospline.simulator import Command, ImageSettings, SceneFile, Session, scene_maker
+from sonospline.simulator import Command, Console, ImageSettings, SceneFile, Session, scene_maker
 from sonospline.simulator.knobs import Knob, Travel, always, described
 
 
@@ -75,13 +75,13 @@ def test_every_knob_says_all_there_is_to_know():
 
 
 def test_one_entry_more_is_in_the_scene_its_start_and_its_limits(one_knob_more):
-    session = Session(SceneFile.parse(SMALL_PAPER))
-    knob = session.scene.knobs["image.smoothing"]
+    console = Console(Session(SceneFile.parse(SMALL_PAPER)))
+    knob = console.scene.knobs["image.smoothing"]
     assert (knob.low, knob.high, knob.keys) == (0.0, 4.0, ("KeyT", "KeyY"))
-    assert session.command.image.smoothing == 1.0
+    assert console.command.image.smoothing == 1.0
     with pytest.raises(FieldError, match=r"image.smoothing = 5 is out of range; give 0 to 4 in this scene"):
-        session.step(session.command.with_image(smoothing=5.0))
-    assert session.step(session.command.with_image(smoothing=3.0)).command.image.smoothing == 3.0
+        console.step(console.command.with_image(smoothing=5.0))
+    assert console.step(console.command.with_image(smoothing=3.0)).command.image.smoothing == 3.0
 
 
 def test_the_scene_message_describes_it_and_a_command_moves_it(toy_server):

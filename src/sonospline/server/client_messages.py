@@ -56,7 +56,7 @@ class Drawn(ClientMessage, frozen=True, kw_only=True):
 class ChooseModel(ClientMessage, frozen=True, kw_only=True, tag="model"):
     """Let another model answer."""
 
-    model: Annotated[Text, about("paper, kelvinlet or elastic")]
+    model: Annotated[Text, about("one of those in scene")]
 
 
 class ChooseScene(ClientMessage, frozen=True, kw_only=True, tag="scene"):

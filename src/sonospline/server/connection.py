@@ -161,7 +161,7 @@ class Connection:
         self._sender.say(said.TargetMessage(id=target))
 
     def _ready(self, what: str, seq: int | None = None) -> LiveSession:
-        if self._live is None:
+        if self._live is None or self._live.ended:
             raise MessageError(what, "came while the scene is loading; wait for the scene message", seq)
         return self._live
 
@@ -176,9 +176,10 @@ class Connection:
         self._live = LiveSession(name, console, self._flow, self._sender, self._catalog)
 
     async def _end(self) -> LiveSession | None:
-        live, self._live = self._live, None
+        live = self._live
         if live is not None:
-            await live.end()
+            await live.end()  # whoever closes the connection meanwhile waits for the same thread
+            self._live = None
         return live
 
     def _refuse(

@@ -47,7 +47,8 @@ class LiveSession:
         self.name, self.console = name, console
         self._flow, self._sender, self._catalog = flow, sender, catalog
         self._showing: asyncio.Task[None] | None = None
-        self._ended = False
+        self.ended = False
+        """Whether it takes nothing any more."""
         flow.begin(console)
         sender.say(SceneMessage.of(name, console))
         self._runner = Runner(console)
@@ -86,7 +87,7 @@ class LiveSession:
 
     async def end(self) -> None:
         """End the thread, once it is out of the step it is in."""
-        self._ended = True
+        self.ended = True
         self._runner.stop()
         if self._showing is not None:
             self._showing.cancel()
@@ -101,12 +102,12 @@ class LiveSession:
             self._sender.call(self._show, stamp)
 
     def _show(self, _: Stamp) -> None:
-        if not self._ended:
+        if not self.ended:
             self._showing = asyncio.create_task(self._bring_meshes())
 
     async def _bring_meshes(self) -> None:
         try:
-            made = self._catalog.geometry(self.console, lambda: not self._ended)
+            made = self._catalog.geometry(self.console, lambda: not self.ended)
             geometry = await asyncio.wrap_future(made)
         except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
             logger.warning("the surfaces of a scene could not be made: %s", error)
