@@ -8,7 +8,8 @@ import pytest
 
 from simulator_scenes import SMALL
 from sonospline.simulator import Console, SceneError, SceneFile, Session, make_scene, organs, scene_schema
-from sonospline.simulator.scene_file import SHIPPED, line_of
+from sonospline.simulator.scene_file import line_of
+from sonospline.simulator.shipped import SHIPPED
 from sonospline.simulator.surfaces import MOST_VERTICES
 
 

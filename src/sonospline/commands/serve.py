@@ -91,8 +91,9 @@ def _leave(code: int) -> None:
 
 
 def _catalog(args: argparse.Namespace) -> Any:
+    from .. import simulator
     from ..server.scene_catalog import Entry, SceneCatalog
-    from ..simulator.scene_file import SHIPPED, SceneFile
+    from ..simulator.shipped import SHIPPED
 
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]
     if len(given) > 1:
@@ -108,7 +109,7 @@ def _catalog(args: argparse.Namespace) -> Any:
     path = Path(args.scene)
     if path.suffix != ".toml":
         raise ValueError(f"--scene = {args.scene!r} is not known; give {', '.join(SHIPPED)}, or a .toml file")
-    return SceneCatalog({path.stem: Entry(SceneFile.read(path), path.parent)}, first=path.stem)
+    return SceneCatalog({path.stem: Entry(simulator.SceneFile.read(path), path.parent)}, first=path.stem)
 
 
 def _own(args: argparse.Namespace, path: Path) -> Any:

@@ -7,8 +7,8 @@ import time
 from operator import methodcaller
 from typing import TYPE_CHECKING, NamedTuple
 
+from .. import models
 from ..io.records import FieldError
-from ..models import registry
 from . import client_messages as heard
 from . import server_messages as said
 from .client_messages import MessageError
@@ -146,7 +146,7 @@ class Connection:
         self._seq = seq
 
     def _switch(self, model: str) -> None:
-        known = registry.names()
+        known = models.names()
         if model not in known:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(known)}")
         self._ready("message").act(lambda console: console.session.switch(model))

@@ -10,11 +10,13 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..simulator.scene_file import SHIPPED, SceneFile
+from .. import simulator
+from ..simulator.shipped import SHIPPED
 from . import wire
 from .memory_release import release_memory
 from .server_messages import PROTOCOL, Hello, OfferedScene
@@ -23,6 +25,7 @@ from .worker import Worker
 if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..simulator.scene import Scene
+    from ..simulator.scene_file import SceneFile
 
 Progress = Callable[[float], None]
 Wanted = Callable[[], bool]
@@ -53,9 +56,8 @@ class SceneCatalog:
     """
 
     def __init__(self, own: dict[str, Entry] | None = None, *, first: str | None = None) -> None:
-        shipped = {name: Entry(SceneFile.shipped(name), Path()) for name in SHIPPED}
-        self.scenes: dict[str, Entry] = {**(own or {}), **{k: v for k, v in shipped.items() if k not in (own or {})}}
-        self.first = next(iter(self.scenes)) if first is None else first
+        self._own = own or {}
+        self.first = next(iter((*self._own, *SHIPPED))) if first is None else first
         self._made: OrderedDict[str, Scene] = OrderedDict()
         self._prepared: Console | None = None
         self._waiting: list[Progress] = []
@@ -64,6 +66,12 @@ class SceneCatalog:
         self._offered, self._brought = Worker("sonospline-scenes"), Worker("sonospline-brought-scenes")
         self._releasing: Future[None] | None = None
         self._brought_scenes: weakref.WeakSet[Scene] = weakref.WeakSet()
+
+    @cached_property
+    def scenes(self) -> dict[str, Entry]:
+        """Those on offer by their id; shipped ones are read when somebody asks, since models load with them."""
+        shipped = {name: Entry(simulator.SceneFile.shipped(name), Path()) for name in SHIPPED if name not in self._own}
+        return {**self._own, **shipped}
 
     def hello(self, key: str, *, resumed: bool) -> Hello:
         """Return the greeting of a session, with the key it can be asked back by."""
@@ -166,7 +174,7 @@ class SceneCatalog:
             progress(share)
 
         go_on(0.0)
-        spec = SceneFile.parse(text, file=name)
+        spec = simulator.SceneFile.parse(text, file=name)
         refuse_elsewhere(spec)
         scene = make_scene(spec, progress=go_on)
         self._brought_scenes.add(scene)

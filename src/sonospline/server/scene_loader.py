@@ -7,7 +7,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Protocol
 
-from ..simulator.scene_file import SceneError
+from .. import simulator
 from .client_messages import MessageError
 from .scene_catalog import SceneCatalog
 from .sender import Sender
@@ -80,7 +80,7 @@ class SceneLoader:
                 lambda: not self._closed,
             )  # fmt: skip
             console = await asyncio.wrap_future(ordered)
-        except SceneError as error:
+        except simulator.SceneError as error:
             self._refuse("scene", error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
             self._refuse("scene", str(error), file=file)

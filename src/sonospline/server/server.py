@@ -12,8 +12,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+from .. import simulator
 from .._extras import require
-from ..simulator.scene_file import scene_schema
 from .access import AccessMiddleware, token_of
 from .client_messages import LONGEST
 from .connection import TAKEN_OVER, Connection, Verdict
@@ -123,7 +123,7 @@ class Server:
         from starlette.staticfiles import StaticFiles
 
         async def schema(request: Any) -> Any:
-            return JSONResponse(scene_schema())
+            return JSONResponse(simulator.scene_schema())
 
         async def protocol(request: Any) -> Any:
             return JSONResponse(protocol_schema())

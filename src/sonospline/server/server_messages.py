@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from ..models import registry
+from .. import models
 from ..simulator.command import Command
 from ..simulator.knobs import SceneKnob
 from .client_messages import snake_case
@@ -127,7 +127,7 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
         return cls(
             id=id, name=spec.name, frame=SkinDirections(right=right, depth=depth, out=out, skin_origin=origin),
             box=Box(low=low, high=high),
-            models=tuple(Choice(id=key, name=name) for key, name in registry.titles().items()),
+            models=tuple(Choice(id=key, name=name) for key, name in models.titles().items()),
             model=console.session.model,
             probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
             targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets),

@@ -13,6 +13,7 @@ from ..io.toml_text import TomlError, loads
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.probe import PROBES
 from .model_part import ModelPart
+from .shipped import SHIPPED
 
 Triple = tuple[float, float, float]
 Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
@@ -25,7 +26,6 @@ else:
 
 LONGEST = 64 * 1024
 """Characters of a scene file."""
-SHIPPED = ("kidney", "gel", "cube")
 
 
 class TissuePart(Record, frozen=True, kw_only=True):
