@@ -13,13 +13,13 @@ from . import client_messages as heard
 from . import server_messages as said
 from .client_messages import MessageError
 from .flow import FrameFlow
+from .kept_session import Kept
 from .live_session import LiveSession
 from .outbox import Outbox
 from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .scene_catalog import SceneCatalog
 from .scene_loader import SceneLoader
 from .sender import Sender
-from .session_pool import Kept
 
 if TYPE_CHECKING:
     from ..simulator.console import Console

@@ -20,11 +20,12 @@ from .connection import TAKEN_OVER, Connection, Verdict
 from .connection_limits import ConnectionLimits, open_files, pending_within
 from .conversation import converse
 from .guard import Guard
+from .kept_session import Kept
 from .outbox import Outbox
 from .protocols import http_protocol, websocket_protocol
 from .scene_catalog import SceneCatalog
 from .schema import protocol_schema
-from .session_pool import Kept, SessionPool, new_key
+from .session_pool import SessionPool, new_key
 
 logger = logging.getLogger(__name__)
 

@@ -5,21 +5,14 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..simulator.console import Console
     from .connection import Connection
+    from .kept_session import Kept
 
 KEPT_S = 30.0
 """How long a session waits for a page that was reloaded or lost its socket."""
-
-
-class Kept(NamedTuple):
-    """A session nobody is connected to."""
-
-    scene: str
-    console: Console
 
 
 class SessionPool:

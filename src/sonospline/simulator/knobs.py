@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_args, get_type_hints
 
 from msgspec import Struct
 from msgspec.structs import asdict
@@ -19,9 +19,9 @@ from ..io.records import FieldError
 
 if TYPE_CHECKING:
     from ..ultrasound.probe import Probe
-    from .command import Command
     from .scene_file import SceneFile
 
+C = TypeVar("C", bound=Struct)
 Range = tuple[float, float]
 Group = Literal["needle", "probe", "image"]
 Sense = Literal["less-more", "left-right", "near-far", "turn"]
@@ -73,7 +73,7 @@ class SceneKnob(Knob, frozen=True, kw_only=True):
     low: float
     high: float
 
-    def value(self, command: Command) -> float:
+    def value(self, command: Struct) -> float:
         """Return where a command has it."""
         value: float = getattr(getattr(command, self.group), self.field)
         return value
@@ -112,7 +112,7 @@ class Knobs:
     all: tuple[SceneKnob, ...]
 
     @classmethod
-    def of(cls, kind: type[Command], scene: Circumstances) -> Knobs:
+    def of(cls, kind: type[Struct], scene: Circumstances) -> Knobs:
         """Return the knobs of a kind of command, as far as they go in a scene."""
         return cls(
             tuple(_in_scene(group, field, knob, travel.within(scene)) for group, field, knob, travel in described(kind))
@@ -124,7 +124,7 @@ class Knobs:
     def __getitem__(self, id: str) -> SceneKnob:
         return next(knob for knob in self.all if knob.id == id)
 
-    def check(self, command: Command) -> None:
+    def check(self, command: Struct) -> None:
         """Raise FieldError for the first number that is beyond its range (or NaN)."""
         for knob in self.all:
             value = knob.value(command)
@@ -134,7 +134,7 @@ class Knobs:
                 raise FieldError((knob.group, knob.field), problem)
 
 
-def start(kind: type[Command], scene: Circumstances) -> Command:
+def start(kind: type[C], scene: Circumstances) -> C:
     """Return where a scene puts every knob at first."""
     groups: dict[str, dict[str, float]] = {}
     for group, field, _, travel in described(kind):
@@ -144,7 +144,7 @@ def start(kind: type[Command], scene: Circumstances) -> Command:
 
 
 @lru_cache(maxsize=8)
-def described(kind: type[Command]) -> tuple[tuple[Group, str, Knob, Travel], ...]:
+def described(kind: type[Struct]) -> tuple[tuple[Group, str, Knob, Travel], ...]:
     """Return group, field, knob and travel of every number of a kind of command, in order."""
     found: list[tuple[Group, str, Knob, Travel]] = []
     for group in get_args(Group):

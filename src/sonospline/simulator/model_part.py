@@ -17,10 +17,10 @@ def _key(name: str, options: list[Option]) -> tuple[str, Any, Any]:
     low, high = option.live or (None, None)
     number = {"whole": int, "number": float}.get(option.kind)
     kind: Any = Literal[option.choices] if number is None else number
-    told = Annotated[kind, about(option.help, low, high) if number else about(option.help)]
+    described = Annotated[kind, about(option.help, low, high) if number else about(option.help)]
     if others or option.default is None:
-        return name, told | None, None
-    return name, told, option.default
+        return name, described | None, None
+    return name, described, option.default
 
 
 def _model_part() -> Any:
@@ -32,8 +32,8 @@ def _model_part() -> Any:
         ("poissons_ratio", Annotated[float, about("of homogeneous tissue", low=0.0, high=0.49)], 0.45),
         *(_key(name, shared) for name, shared in options.items()),
     ]
-    told = {"__doc__": "How the tissue answers.", "__module__": __name__}
-    return defstruct("ModelPart", keys, bases=(Record,), namespace=told, frozen=True, kw_only=True)
+    names = {"__doc__": "How the tissue answers.", "__module__": __name__}
+    return defstruct("ModelPart", keys, bases=(Record,), namespace=names, frozen=True, kw_only=True)
 
 
 if TYPE_CHECKING:
