@@ -27,7 +27,7 @@ from sonospline.ultrasound import (
     kidney_phantom,
     swept,
 )
-from sonospline.ultrasound.organs import phantom_from_organs, read_organ_names
+from sonospline.ultrasound.organs import phantom_from_organs
 
 IMAGES = Path(__file__).parent / "images"
 
@@ -74,8 +74,8 @@ def slices() -> None:
 
 def abdomen(data: Path) -> None:
     """A phantom from labelled CT: the right kidney from the flank, in an axial plane."""
-    labels, ct = read_volume(data / "abdomen_labels.nii.gz"), read_volume(data / "abdomen_ct.nii.gz")
-    phantom = phantom_from_organs(labels, read_organ_names(data / "abdomen_labels.csv"), ct=ct)
+    labels, ct = ss.read_labels(data / "abdomen_labels.nii.gz"), read_volume(data / "abdomen_ct.nii.gz")
+    phantom = phantom_from_organs(labels, ct=ct)
     kidney_middle = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]
     look = np.array([-0.55, 0.835, 0.0])  # from behind and the side
     skin = kidney_middle.copy()

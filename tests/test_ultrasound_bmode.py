@@ -173,7 +173,7 @@ def test_another_setting_of_the_probe_shows_what_a_new_scanner_would():
         assert np.array_equal(found.frame.pixels, expected.frame.pixels)
         assert np.array_equal(found.frame.mask, expected.frame.mask)
     assert np.array_equal(scanner.render(a_field()).iq, before)
-    with pytest.raises(ValueError, match="probe = str"):
+    with pytest.raises(ValueError, match="probe = 'linear'"):
         scanner.with_probe("linear")
 
 
@@ -208,8 +208,8 @@ def test_a_field_with_nan_is_left_out_with_a_warning(caplog):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((None, LINEAR, np.eye(4)), "phantom = NoneType"),
-        (("scene", None, np.eye(4)), "probe = NoneType"),
+        ((None, LINEAR, np.eye(4)), "phantom = None"),
+        (("scene", None, np.eye(4)), "probe = None"),
         (("scene", LINEAR, np.zeros((4, 4))), "not rigid"),
     ],
 )

@@ -8,11 +8,12 @@ from builds import needs_core
 from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
+from sonospline.io.tables import read_names
 from sonospline.ultrasound import Phantom, Probe, Scanner, kidney_phantom
 from sonospline.ultrasound.acoustics import TISSUES, known, read_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
 from sonospline.ultrasound.kidney import LABELS
-from sonospline.ultrasound.organs import phantom_from_organs, read_organ_names, tissue_of
+from sonospline.ultrasound.organs import phantom_from_organs, tissue_of
 
 
 @pytest.fixture(scope="module")
@@ -225,7 +226,7 @@ def test_labelled_ct_is_a_scene_too(shared_data):
     from sonospline.io.volumes import read_volume
 
     labels, ct = (read_volume(shared_data / name) for name in ("abdomen_labels.nii.gz", "abdomen_ct.nii.gz"))
-    names = read_organ_names(shared_data / "abdomen_labels.csv")
+    names = read_names(shared_data / "abdomen_labels.csv")
     phantom = phantom_from_organs(labels, names, ct=ct, spacing_mm=2.0)
     assert {"liver", "kidney cortex", "bone", "fat", "gel"} <= {tissue.name for tissue in phantom.tissues.values()}
     right_kidney = labels.position(np.argwhere(labels.voxels == 2).mean(axis=0)[None])[0]

@@ -22,6 +22,7 @@ from ..geometry.pose import facing
 from ..geometry.tissue import Tissue
 from ..io.labels import labels_named, read_labels, warn_of_labels
 from ..io.staging import staged_folder
+from ..io.tables import read_names
 from ..io.volumes import read_volume
 from ..io.writing import write_json
 from ..models.spline.insertion import Insertion
@@ -31,7 +32,7 @@ from ..ultrasound.cine import write_gif, write_sequence
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
-from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs, read_organ_names
+from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
 from ..ultrasound.phantom import LARGEST_LABEL, Phantom
 from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
@@ -194,7 +195,7 @@ def _scene(args: argparse.Namespace) -> Phantom:
         labels, table = read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table)
         with labels_named(args.labels):
             return Phantom(labels, table)
-    labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_organ_names(args.names)
+    labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_names(args.names)
     ct = None if args.ct is None else read_volume(args.ct, name="ct")
     with labels_named(args.labels):
         return phantom_from_organs(labels, names, ct=ct)

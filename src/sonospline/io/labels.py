@@ -3,47 +3,76 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
 from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
 from ..geometry.volume import Volume
+from .tables import read_names
 from .volumes import read_volume, suffix_of
 
 logger = logging.getLogger(__name__)
 
 
-def read_labels(path: str | PathLike[str], *, largest: int = LARGEST) -> LabelMap:
-    """Read a label map.
+def read_labels(
+    path: str | PathLike[str],
+    *,
+    names: str | PathLike[str] | Mapping[int, str] | None = None,
+    largest: int = LARGEST,
+) -> LabelMap:
+    """Read a label map and the names of its labels.
 
     Parameters
     ----------
     path : path-like
         A file :func:`~sonospline.io.volumes.read_volume` reads, of whole numbers: stored as integers, or as
         anything that is within 1e-3 of one once the file's scale is applied.
+    names : path-like or mapping of int to str, optional
+        A CSV with the columns ``label`` and ``name``, or the names themselves; by default the file beside the
+        image with its name and ``.csv`` for its suffix, where there is one.
     largest : int, default: 65535
         Largest label allowed.
 
     Raises
     ------
     ValueError
-        A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``.
+        A file that cannot be read, or a voxel that is not a whole number 0 to ``largest``. A file beside the
+        image that is no table of names is left alone, with a warning.
 
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> import numpy as np
     >>> import sonospline as ss
     >>> from sonospline.io.volumes import write_volume
     >>> from sonospline.geometry.volume import Volume
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_volume(Volume(voxels=np.full((4, 4, 4), 4.9999995), spacing=(1, 1, 1)), folder + "/organs.nrrd")
-    ...     int(ss.read_labels(folder + "/organs.nrrd").voxels.max())
-    5
+    ...     _ = Path(folder, "organs.csv").write_text("label,name\\n5,liver\\n")
+    ...     ss.read_labels(folder + "/organs.nrrd").names
+    {5: 'liver'}
     """
-    return LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+    labels = LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+    return labels.named(_names_beside(Path(path)) if names is None else _given(names))
+
+
+def _given(names: str | PathLike[str] | Mapping[int, str]) -> Mapping[int, str]:
+    return names if isinstance(names, Mapping) else read_names(names)
+
+
+def _names_beside(path: Path) -> dict[int, str]:
+    """The names in the table beside an image; none where it is none."""
+    beside = names_beside(path)
+    if not beside.is_file():
+        return {}
+    try:
+        return read_names(beside)
+    except ValueError as error:
+        logger.warning("the labels have no names: %s", error)
+        return {}
 
 
 @contextmanager

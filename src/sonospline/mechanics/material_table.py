@@ -17,7 +17,7 @@ from ..io.toml_text import TomlError, loads
 from .material import Material
 from .moduli import check_ratio
 
-_BACKGROUND = "soft_tissue"
+BACKGROUND = "soft_tissue"
 """What label 0 is, where the names do not say."""
 
 
@@ -76,7 +76,7 @@ class MaterialTable:
 
 def read_label_names(path: str | PathLike[str]) -> dict[int, str]:
     """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""
-    return {0: _BACKGROUND, **read_names(path, "label names")}
+    return {0: BACKGROUND, **read_names(path, "label names")}
 
 
 @lru_cache(maxsize=1)

@@ -23,6 +23,7 @@ from .registry import names as names
 from .registry import register as register
 from .registry import spec as spec
 from .registry import titles as titles
+from .simulation import Simulation as Simulation
 from .spline import Biharmonic as Biharmonic
 from .spline import Insertion as Insertion
 from .spline import NeedleTissueModel as NeedleTissueModel

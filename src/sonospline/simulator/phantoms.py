@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ def gel_block(voxel_mm: float) -> GeneratedTissue:
     labels[apart < _VESSEL["radius"]] = 1
     names = {0: "phantom gel", 1: "blood", 2: "vessel wall"}
     speckle = _like("liver", "phantom gel", backscatter_db=-3.0)
-    phantom = Phantom(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})  # type: ignore[dict-item]
+    phantom = Phantom(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})
     centre = np.array([_GEL_BLOCK_MM[0] / 2, _GEL_BLOCK_MM[1] / 2, _VESSEL["depth"]])
     return GeneratedTissue(
         phantom=phantom, names=names, box=(np.zeros(3), np.array(_GEL_BLOCK_MM)), targets={"vessel": centre}
@@ -95,7 +96,7 @@ def _volume(labels: NDArray[np.uint8], voxel_mm: float, origin: tuple[float, flo
     return Volume(voxels=labels, spacing=(voxel_mm,) * 3, origin=np.array(origin, float))
 
 
-def _like(tissue: str, name: str, **changes: float) -> AcousticTissue:
+def _like(tissue: str, name: str, **changes: Any) -> AcousticTissue:
     from dataclasses import replace
 
-    return replace(TISSUES[tissue], name=name, texture_db=0.0, **changes)  # type: ignore[arg-type]
+    return replace(TISSUES[tissue], name=name, texture_db=0.0, **changes)

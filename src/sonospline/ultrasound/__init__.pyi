@@ -1,5 +1,6 @@
 from .acoustics import TISSUES as TISSUES
 from .acoustics import AcousticTissue as AcousticTissue
+from .bmode import BMode as BMode
 from .dicom import Clip as Clip
 from .dicom import Region as Region
 from .dicom import read_dicom as read_dicom
@@ -11,6 +12,5 @@ from .phantom import Phantom as Phantom
 from .probe import Probe as Probe
 from .reslice import Reslicer as Reslicer
 from .reslice import swept as swept
-from .synthesis import BMode as BMode
 from .synthesis import Display as Display
 from .synthesis import Scanner as Scanner

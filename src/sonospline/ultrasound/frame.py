@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._extras import require
+from .._shown import lengths, size
 from ..fields.field import Field
 from ..fields.slices import draw_needle
 from ..geometry import pose
 from ..geometry.plane import ImagePlane
 from ..io.canvas import axes_or_new
 from ..io.files import regular_file
+from ..io.png import png
 
 if TYPE_CHECKING:
     from ..geometry.needle import Needle
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """A grey image with its place in the world.
 
@@ -175,6 +177,13 @@ class Frame:
         if needle is not None:
             draw_needle(ax, self.plane, needle)
         return ax
+
+    def _repr_png_(self) -> bytes:
+        """The picture as a notebook shows it."""
+        return png(as_bytes(self.pixels))
+
+    def __repr__(self) -> str:
+        return f"Frame({size(self.pixels.shape)} pixels, {lengths(self.plane.spacing_mm)}, {self.pixels.dtype})"
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a picture (.png) or an image with its geometry (.mha, .nrrd, ...: one slice, LPS)."""

@@ -109,7 +109,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool 
     }
     labels = canvas.labels if known is None else known
     volume = Volume(voxels=labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
-    return KidneyPhantom(Phantom(volume, LABELS), targets)  # type: ignore[arg-type]
+    return KidneyPhantom(Phantom(volume, LABELS), targets)
 
 
 def _paint(canvas: Canvas, push: float) -> None:

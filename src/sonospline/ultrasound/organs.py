@@ -1,18 +1,19 @@
-"""Scenes from segmented CT: organ names to acoustic tissues."""
+"""Phantoms from segmented CT: organ names to acoustic tissues."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._shown import shown
 from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
-from ..io.tables import read_names
-from .acoustics import TISSUES
+from .acoustics import TISSUES, AcousticTissue
 from .phantom import Phantom
 
 _KINDS = {
@@ -21,13 +22,15 @@ _KINDS = {
     "spleen": ("spleen",),
     "pancreas": ("pancreas", "prostate", "thyroid"),
     "blood": ("aorta", "vena_cava", "vein", "artery", "atrium", "heart", "portal"),
-    "urine": ("gallbladder", "bladder", "cyst"),
+    "urine": ("gallbladder", "bladder", "cyst", "kidney_cyst"),
+    "fat": ("fat", "adipose"),
+    "skin": ("skin",),
     "gas": ("lung", "trachea"),
     "bowel wall": ("bowel", "colon", "duodenum", "stomach", "esophagus"),
     "bone": ("rib", "vertebra", "sacrum", "hip", "femur", "scapula", "sternum", "humerus", "clavicula", "skull"),
     "cartilage": ("cartilage",),
     "muscle": ("muscle", "autochthon", "iliopsoas", "gluteus"),
-    "soft tissue": ("cord", "brain"),
+    "soft tissue": ("cord", "brain", "soft_tissue", "tumour", "tumor", "lesion"),
 }
 _AIR_HU, _FAT_HU = -300, -30
 _AIR, _FAT, _SOFT = 0, 254, 255
@@ -40,7 +43,7 @@ logger = logging.getLogger(__name__)
 
 
 def tissue_of(organ: str) -> str:
-    """Return the acoustic tissue of an organ's name, as TotalSegmentator writes it.
+    """Return the acoustic tissue of an organ's name, as TotalSegmentator writes it, or of its own name.
 
     Raises
     ------
@@ -53,6 +56,8 @@ def tissue_of(organ: str) -> str:
     >>> tissue_of("costal_cartilages"), tissue_of("rib_left_7"), tissue_of("gallbladder")
     ('cartilage', 'bone', 'urine')
     """
+    if organ in TISSUES:
+        return organ
     # longer words first: costal_cartilages is no rib, gallbladder no bladder
     for word, tissue in sorted(((w, t) for t, words in _KINDS.items() for w in words), key=lambda pair: -len(pair[0])):
         if word in organ.lower():
@@ -62,11 +67,41 @@ def tissue_of(organ: str) -> str:
     )
 
 
-read_organ_names = read_names
+def as_phantom(what: Phantom | Volume, tissues: Mapping[int, AcousticTissue | str] | None = None) -> Phantom:
+    """Return what can be imaged as a phantom.
+
+    Parameters
+    ----------
+    what : Phantom, LabelMap or Volume
+        A label map with names becomes the phantom of its organs, see :func:`phantom_from_organs`; any labels are
+        one with ``tissues``.
+    tissues : mapping of int to AcousticTissue or str, optional
+        Acoustic tissue of each label.
+
+    Raises
+    ------
+    ValueError
+        Something else, or labels of which neither names nor tissues are known.
+    """
+    if isinstance(what, Phantom):
+        if tissues is not None:
+            raise ValueError("tissues were given for a Phantom, which has its own; give labels, or leave them out")
+        return what
+    if not isinstance(what, Volume):
+        raise ValueError(f"phantom = {shown(what)} is none; give a Phantom, or labels, e.g. of read_labels")
+    if tissues is not None:
+        return Phantom(what, tissues)
+    if not (isinstance(what, LabelMap) and what.names):
+        raise ValueError(f"phantom = {what!r} has no names; read it with them, or give tissues, e.g. {{1: 'liver'}}")
+    return phantom_from_organs(what)
 
 
 def phantom_from_organs(
-    labels: Volume, names: dict[int, str], *, ct: Volume | None = None, spacing_mm: float | None = 1.0
+    labels: Volume,
+    names: Mapping[int, str] | None = None,
+    *,
+    ct: Volume | None = None,
+    spacing_mm: float | None = 1.0,
 ) -> Phantom:
     """Return a phantom from organ labels, finer than they are.
 
@@ -74,8 +109,8 @@ def phantom_from_organs(
     ----------
     labels : Volume
         Organ labels 1 to 253; 0 where there is none.
-    names : dict of int to str
-        Their names.
+    names : mapping of int to str, optional
+        Their names; by default those that the label map carries.
     ct : Volume, optional
         CT of the same patient: tells fat, soft tissue and air apart where there is no label. On another
         lattice than the labels, its nearest voxel is taken, and air where it ends. Without it, unlabelled
@@ -90,6 +125,7 @@ def phantom_from_organs(
         that lies elsewhere.
     """
     labels = LabelMap.of(labels, largest=LARGEST_ORGAN)
+    names = labels.names if names is None else names
     voxels = labels.voxels.astype(np.uint8)
     unlabelled = voxels == 0
     if ct is None:
@@ -103,7 +139,7 @@ def phantom_from_organs(
         raise ValueError(f"label {label} has no name; add it to names, e.g. names[{label}] = 'liver'")
     tissues = {_AIR: "gel", _FAT: "fat", _SOFT: "soft tissue"} | {label: tissue_of(names[label]) for label in present}
     volume = Volume(voxels=voxels, spacing=labels.lattice.spacing, origin=labels.origin, direction=labels.direction)
-    phantom = Phantom(volume, tissues)  # type: ignore[arg-type]
+    phantom = Phantom(volume, tissues)
     return phantom if spacing_mm is None else phantom.refined(spacing_mm)
 
 

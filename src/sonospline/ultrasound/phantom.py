@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core, _memory
+from .._by_value import ByValue
+from .._shown import lengths, shown, size
 from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
 from ..io.volumes import to_sitk
@@ -28,8 +30,8 @@ _COUNTED = 1 << 16
 """Voxels at once."""
 
 
-@dataclass(frozen=True, eq=False)
-class Phantom:
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Phantom(ByValue):
     """Tissue labels on a lattice (undeformed, world coordinates) and what each label is.
 
     The phantom may be wider than the mechanical box: beyond a pinned face nothing moves.
@@ -55,26 +57,28 @@ class Phantom:
     'liver'
     """
 
-    labels: Volume
+    labels: LabelMap
     tissues: Mapping[int, AcousticTissue]
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.labels, Volume):
-            raise ValueError(
-                f"labels = {type(self.labels).__name__} is not a Volume; read one with io.labels.read_labels"
-            )
-        object.__setattr__(self, "labels", LabelMap.of(self.labels, largest=LARGEST_LABEL))
-        tissues = {
+    def __init__(self, labels: Volume, tissues: Mapping[int, AcousticTissue | str]) -> None:
+        if not isinstance(labels, Volume):
+            raise ValueError(f"labels = {shown(labels)} is not a Volume; read one with read_labels")
+        object.__setattr__(self, "labels", LabelMap.of(labels, largest=LARGEST_LABEL))
+        known = {
             int(label): tissue if isinstance(tissue, AcousticTissue) else _named(int(label), tissue)
-            for label, tissue in self.tissues.items()
+            for label, tissue in tissues.items()
         }
-        object.__setattr__(self, "tissues", tissues)
+        object.__setattr__(self, "tissues", known)
         for label in (0, *self._present()):
-            if label not in tissues:
+            if label not in known:
                 raise ValueError(
                     f"label {label} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}, "
                     "or give an AcousticTissue"
                 )
+
+    def __repr__(self) -> str:
+        lattice = self.labels.lattice
+        return f"Phantom({size(lattice.shape)}, {lengths(lattice.spacing)}, {len(self.tissues)} tissues)"
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_echoes"}  # made anew where asked for
@@ -86,7 +90,7 @@ class Phantom:
         """Return a box of one tissue, its first voxel at the origin of the world."""
         shape = tuple(max(2, round(side / spacing_mm) + 1) for side in size_mm)
         labels = Volume(voxels=np.zeros(shape, np.uint8), spacing=(spacing_mm,) * 3)
-        return cls(labels, {0: tissue})  # type: ignore[dict-item]
+        return cls(labels, {0: tissue})
 
     def table(self, quantity: str) -> Array:
         """Return one property of every label, (256,) or (256, 3); labels without a tissue take label 0's."""

@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._shown import shown
 from ..fields.field import Field
 from ..fields.grid_field import GridField, at_nodes
 from ..geometry import pose
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
+from ..geometry.volume import Volume
 from . import needle_synthesis
+from .acoustics import AcousticTissue
 from .aim import aim
+from .bmode import BMode
 from .frame import Frame
 from .needle_echo import NeedleEcho
 from .optics import Optics, Scan, picture_plane
+from .organs import as_phantom
 from .phantom import Phantom
 from .probe import Probe
+
+if TYPE_CHECKING:
+    from ..models.contract import Response
 
 logger = logging.getLogger(__name__)
 
@@ -59,24 +68,6 @@ class Display:
                 raise ValueError(f"{name} = {getattr(self, name)} is not finite; give dB")
 
 
-@dataclass(frozen=True, eq=False)
-class BMode:
-    """One rendered image."""
-
-    frame: Frame
-    """The scan-converted picture, 8-bit, with its place in the world; masked outside the fan."""
-    beams: NDArray[np.uint8]
-    """(lines, samples) grey levels along the beams."""
-    iq: NDArray[np.complex64]
-    """(lines, samples) complex baseband, before compression."""
-    optics: Optics
-
-    @cached_property
-    def envelope(self) -> NDArray[np.floating]:
-        """(lines, samples) envelope over the rms of liver speckle at each depth (attenuation is in it)."""
-        return np.abs(self.iq) / np.sqrt(self.optics.speckle_power).astype(np.float32)
-
-
 class Scanner:
     """A probe on a phantom: made once, then rendered for every field and needle.
 
@@ -85,13 +76,15 @@ class Scanner:
 
     Parameters
     ----------
-    phantom : Phantom
-        What is there.
+    phantom : Phantom, LabelMap or Volume
+        What is there: a label map with the names of organs, any labels with ``tissues``, or a phantom.
     probe : Probe
         What looks at it.
     probe_to_reference : (4, 4) array_like
         Pose: rigid transform from the probe (mm from the middle of its face: x lateral, y depth, z elevation)
         to the world.
+    tissues : mapping of int to AcousticTissue or str, optional
+        Acoustic tissue of each label, where ``phantom`` is labels; by default by the names of its organs.
     display : Display, optional
         Gain, dynamic range, time-gain compensation, noise.
     needle_echo : NeedleEcho, optional
@@ -106,7 +99,7 @@ class Scanner:
     Raises
     ------
     ValueError
-        A pose that is not rigid, or a phantom or probe that is none.
+        A pose that is not rigid, a probe that is none, or labels of which no tissues are known.
 
     Examples
     --------
@@ -122,21 +115,20 @@ class Scanner:
 
     def __init__(
         self,
-        phantom: Phantom,
+        phantom: Phantom | Volume,
         probe: Probe,
         probe_to_reference: ArrayLike,
         *,
+        tissues: Mapping[int, AcousticTissue | str] | None = None,
         display: Display | None = None,
         needle_echo: NeedleEcho | None = None,
         picture_shape: tuple[int, int] | None = None,
         seed: int = 0,
         margin_mm: float = 3.0,
     ) -> None:
-        if not isinstance(phantom, Phantom):
-            raise ValueError(f"phantom = {type(phantom).__name__} is not a Phantom; make one from a label map")
         if not isinstance(probe, Probe):
-            raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
-        self.phantom = phantom
+            raise ValueError(f"probe = {shown(probe)} is not a Probe; make one, e.g. Probe.curvilinear()")
+        self.phantom = as_phantom(phantom, tissues)
         self.display = Display() if display is None else display
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
         self.seed = _validate.count("seed", seed, least=0)
@@ -173,14 +165,16 @@ class Scanner:
         60
         """
         if not isinstance(probe, Probe):
-            raise ValueError(f"probe = {type(probe).__name__} is not a Probe; make one, e.g. Probe.curvilinear()")
+            raise ValueError(f"probe = {shown(probe)} is not a Probe; make one, e.g. Probe.curvilinear()")
         other = self._twin()
         for cached in ("_no_needle", "_noise_level", "_offset_db"):
             other.__dict__.pop(cached, None)
         other._use(probe, self.plane.shape, self._aimed.margin_mm)
         return other
 
-    def render(self, field: Field | None = None, needle: Needle | None = None, *, frame: int = 0) -> BMode:
+    def render(
+        self, deformed: Field | Response | None = None, needle: Needle | None = None, *, frame: int = 0
+    ) -> BMode:
         """Return the image of the deformed phantom.
 
         A probe that sees nothing of the phantom gives a black image and a warning; a field with NaN is left out,
@@ -188,13 +182,16 @@ class Scanner:
 
         Parameters
         ----------
-        field : Field, optional
-            The deformation; one that is not known at the nodes of its grid is sampled there.
+        deformed : Field or Response, optional
+            The deformation; a field that is not known at the nodes of its grid is sampled there. A response of a
+            model brings its needles.
         needle : Needle, optional
-            The needle in the tissue, where it is now.
+            The needle in the tissue, where it is now; by default those of the response.
         frame : int, default: 0
             Number of the frame: electronic noise differs from frame to frame.
         """
+        field, needles = _parted(deformed)
+        needles = needles if needle is None else (needle,)
         grid_field = self._still if field is None else at_nodes(field)
         largest = _largest(grid_field)
         if not np.isfinite(largest):
@@ -202,12 +199,7 @@ class Scanner:
             grid_field, largest = self._still, 0.0
         if grid_field.grid is not self._aimed.grid or largest > self._aimed.margin_mm:
             self._aim(grid_field.grid, largest)
-        if needle is None:
-            echoes, shadow = self._no_needle
-        else:
-            echoes, shadow = needle_synthesis.echo(
-                self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed
-            )
+        echoes, shadow = self._seen(needles)
         noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
         iq, grey, picture = self._aimed.plan.render(
@@ -216,6 +208,21 @@ class Scanner:
         )  # fmt: skip
         return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
 
+    def _seen(self, needles: tuple[Needle, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Echoes of needles, and the shadow of all: it begins with the nearest."""
+        if not needles:
+            return self._no_needle
+        found = [
+            needle_synthesis.echo(self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed)
+            for needle in needles
+        ]
+        if len(found) == 1:
+            return found[0]
+        shadows = [shadow for _, shadow in found]
+        begins = np.minimum.reduce([shadow[0] for shadow in shadows])
+        left = np.multiply.reduce([shadow[1] for shadow in shadows])
+        return np.concatenate([echoes for echoes, _ in found]), np.stack([begins, left])
+
     def with_display(self, **settings: float) -> Scanner:
         """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
         other = self._twin()
@@ -223,6 +230,9 @@ class Scanner:
         for cached in ("_offset_db", "_noise_level"):
             other.__dict__.pop(cached, None)
         return other
+
+    def __repr__(self) -> str:
+        return f"Scanner({self.probe!r}, {self.phantom!r})"
 
     def _twin(self) -> Scanner:
         """A scanner that shares everything with this one."""
@@ -275,6 +285,16 @@ class Scanner:
         """What brings the log of |s|^2 to the display: the speckle's own power taken out, TGC and gain added."""
         tgc = 2 * self.display.tgc_db_cm_mhz * self.probe.frequency_mhz * self.probe.ranges / 10
         return (tgc - 10 * np.log10(self.optics.speckle_power) + self.display.gain_db).astype(np.float32)
+
+
+def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Needle, ...]]:
+    """The field and the needles of what is to be shown."""
+    if deformed is None or isinstance(deformed, Field):
+        return deformed, ()
+    try:
+        return deformed.field, tuple(needle for _, needle in deformed.state.needles)
+    except AttributeError:
+        raise ValueError(f"deformed = {shown(deformed)} is no Field and no Response; give one, or nothing") from None
 
 
 @dataclass
