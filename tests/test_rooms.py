@@ -47,10 +47,6 @@ UNUSED_WORDS = re.compile(
 
 
 UNFINISHED_CIRCLES = {
-    "sonospline.fields.field -> sonospline.fields.export -> sonospline.fields.field",
-    "sonospline.fields.field -> sonospline.fields.image_warp -> sonospline.fields.field",
-    "sonospline.fields.field -> sonospline.fields.slices -> sonospline.fields.field",
-    "sonospline.fields.field -> sonospline.fields.slices -> sonospline.fields.grid_field -> sonospline.fields.field",
     "sonospline.models.contract -> sonospline.models.registry -> sonospline.models.contract",
     "sonospline.simulator.runner -> sonospline.simulator.subscription -> sonospline.simulator.runner",
 }

@@ -81,10 +81,10 @@ def test_an_insertion_starts_from_rest_and_gives_the_same_bits_again(elastic):
     assert np.array_equal(again.field.on_grid(), first.field.on_grid())
 
 
-def test_progress_is_told_step_by_step(elastic):
-    told = []
-    elastic.insert(ENTRY, TARGET, steps=3, progress=lambda made, steps: told.append((made, steps)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
+def test_progress_is_calls_step_by_step(elastic):
+    calls = []
+    elastic.insert(ENTRY, TARGET, steps=3, progress=lambda made, steps: calls.append((made, steps)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
     depths = [dict(r.state.needles)["needle"].depth for r in elastic.run(ENTRY, TARGET, steps=3)]
     assert depths == pytest.approx([10, 20, 30])
 

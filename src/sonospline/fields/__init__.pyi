@@ -1,9 +1,10 @@
 from .composed_field import ComposedField as ComposedField
 from .field import Field as Field
-from .field import InverseReport as InverseReport
 from .grid_field import GridField as GridField
 from .image_warp import ImageWarp as ImageWarp
 from .kernel import Kernel as Kernel
 from .kernel_field import KernelField as KernelField
+from .maps import FieldMaps as FieldMaps
+from .maps import InverseReport as InverseReport
 from .slices import NodeSlice as NodeSlice
 from .slices import PlaneSlice as PlaneSlice

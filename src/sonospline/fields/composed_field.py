@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from ..geometry.grid import Grid
-from .field import METHODS, Field, Method
+from .field import Field
+from .maps import METHODS, Method
 
 Array = NDArray[np.float64]
 

@@ -11,18 +11,20 @@ import numpy as np
 
 from .._extras import require
 from ..io import transforms
+from ..io.volumes import vector_image
 from ..io.vtk import write_vti
 from ..io.writing import write_bytes, write_image
-from .field import Field
+from .image_warp import ImageWarp
+from .maps import FieldMaps
 
 _IMAGES = (".nrrd", ".mha")
 SUFFIXES = (*transforms.SUFFIXES, *_IMAGES, ".vti", ".npz")
 """Of the files a field can be saved as."""
 
 
-def mesh(field: Field) -> Any:
+def mesh(field: FieldMaps) -> Any:
     """Return a field's grid as PyVista's, with what happens at its nodes."""
-    grid = field._require_grid()
+    grid = field.require_grid()
     pyvista = require("pyvista")
     if grid.upright:
         made = pyvista.ImageData(dimensions=grid.shape, spacing=grid.spacing, origin=tuple(grid.origin))
@@ -34,16 +36,16 @@ def mesh(field: Field) -> Any:
     return made
 
 
-def save(field: Field, path: str | PathLike[str]) -> None:
+def save(field: FieldMaps, path: str | PathLike[str]) -> None:
     """Write a field in the format of the path's suffix, as :meth:`Field.save` says."""
     suffix = Path(path).suffix
     if suffix not in SUFFIXES:
         raise ValueError(f"path = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
-    grid = field._require_grid()
+    grid = field.require_grid()
     if suffix in transforms.SUFFIXES:
-        transforms.write_transform(field.to_sitk(), path)
+        ImageWarp.of(field).save(path)
     elif suffix in _IMAGES:
-        write_image(field.to_sitk_image(), path)
+        write_image(vector_image(grid, field.on_grid()), path)
     elif suffix == ".vti":
         write_vti(path, grid, {"displacement": field.on_grid(), "det_jacobian": field.det_jacobian()})
     else:

@@ -16,7 +16,7 @@ from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
 from ..io.transforms import displacement_transform, write_transform
 from ..io.volumes import from_sitk, to_sitk
-from .field import Field, InverseReport
+from .maps import FieldMaps, InverseReport
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +33,7 @@ class ImageWarp:
     report: InverseReport
 
     @classmethod
-    def of(cls, field: Field) -> ImageWarp:
+    def of(cls, field: FieldMaps) -> ImageWarp:
         """Return the inverse of a field on the field's own grid.
 
         A node whose inverse is not known (the report counts them) keeps its place.

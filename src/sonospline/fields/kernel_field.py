@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _memory, _validate
 from ..geometry.grid import Grid
 from . import lattice_sum
-from .field import METHODS, Field, Method
+from .field import Field
 from .kernel import Kernel
+from .maps import METHODS, Method
 
 Array = NDArray[np.float64]
 _BYTES = {"auto": 16, "multilevel": 16, "accurate": 16, "direct32": 16, "direct": 28}
@@ -71,7 +72,7 @@ class KernelField(Field):
     def on_grid(self, method: Method = "auto") -> NDArray[np.floating]:
         """Return u at every node of the grid, as (nx, ny, nz, 3)."""
         _validate.choice("method", method, METHODS)
-        grid = self._require_grid()
+        grid = self.require_grid()
         _memory.refuse_beyond(_BYTES[method] * grid.node_count, f"grid = {grid.shape}: its displacements")
         _, weights, affine = self._scaled(self.centres)
         # The same affine map, seen from node 0 along the lattice axes.
@@ -93,7 +94,7 @@ class KernelField(Field):
         """The multilevel sum where it applies and, for ``"auto"``, where it costs less."""
         if not self.kernel.multilevel:
             return None
-        grid = self._require_grid()
+        grid = self.require_grid()
         nodes = self.nodes
         if nodes is None:
             nodes = lattice_sum.node_index(grid.local(self.centres), grid.shape, grid.spacing)

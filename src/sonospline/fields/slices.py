@@ -16,8 +16,8 @@ from ..geometry import pose
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
 from ..io.canvas import axes_or_new
-from .field import Field
-from .grid_field import GridField
+from .maps import FieldMaps
+from .sampled_maps import SampledMaps
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class NodeSlice:
     plane: ImagePlane
 
     @classmethod
-    def of(cls, field: Field, *, axis: str = "z", at: float) -> NodeSlice:
+    def of(cls, field: FieldMaps, *, axis: str = "z", at: float) -> NodeSlice:
         """Return the layer of nodes nearest to a lattice coordinate.
 
         Parameters
@@ -120,12 +120,12 @@ class PlaneSlice:
     displacement: Array
     """(rows, columns, 3) displacement, in the plane's frame, of what is now at each pixel; NaN where unknown."""
     plane: ImagePlane
-    field: Field
+    field: FieldMaps
 
     @classmethod
-    def of(cls, field: Field, plane: ImagePlane) -> PlaneSlice:
+    def of(cls, field: FieldMaps, plane: ImagePlane) -> PlaneSlice:
         """Return the slice; a field that is not on a grid already is sampled on its grid first."""
-        sampled = field if isinstance(field, GridField) or field.grid is None else GridField.of(field)
+        sampled = field if isinstance(field, SampledMaps) or field.grid is None else SampledMaps.of(field)
         points = plane.points
         moved = (points - sampled.inverse(points)) @ plane.image_to_reference[:3, :3]
         if sampled.grid is not None:
@@ -230,10 +230,10 @@ def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
 
 
 def plot_slice(
-    field: Field, ax: Any, through: Needle | ArrayLike | None, normal: ArrayLike | None, style: dict[str, Any]
+    field: FieldMaps, ax: Any, through: Needle | ArrayLike | None, normal: ArrayLike | None, style: dict[str, Any]
 ) -> Any:
     """Draw a field on the plane through a needle, or a point, as :meth:`Field.plot` says."""
-    grid = field._require_grid()
+    grid = field.require_grid()
     needle = through if isinstance(through, Needle) else None
     across = None if normal is None else _validate.vector("normal", normal)
     if needle is not None:
@@ -255,7 +255,7 @@ def _across(needle: Needle, axes: Array, normal: Array | None) -> Array:
     return across
 
 
-def _most_moved(field: Field) -> Array:
-    grid = field._require_grid()
+def _most_moved(field: FieldMaps) -> Array:
+    grid = field.require_grid()
     lengths = np.linalg.norm(field.on_grid(), axis=-1)
     return grid.node(np.unravel_index(int(lengths.argmax()), grid.shape))

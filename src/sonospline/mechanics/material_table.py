@@ -55,6 +55,19 @@ class MaterialTable:
             raise ValueError(f"materials = {str(path)!r} is not TOML ({error}); write [liver] tables") from None
         return cls.assumed().preferring(_parsed(f"materials = {str(path)!r}", entries))
 
+    @classmethod
+    def of(cls, materials: Materials | None) -> MaterialTable:
+        """Return a table as it is, or the assumed one with a file's or a mapping's materials before its own."""
+        if materials is None:
+            return cls.assumed()
+        if isinstance(materials, MaterialTable):
+            return materials
+        if isinstance(materials, Mapping):
+            return cls.assumed().preferring(materials)
+        if isinstance(materials, str | PathLike):
+            return cls.read(materials)
+        raise ValueError(f"materials = {shown(materials)} is for a box of one tissue; give a table by name for labels")
+
     def preferring(self, others: Mapping[str, Material]) -> MaterialTable:
         """Return the table with others in the place of, and before, its own."""
         return MaterialTable({**others, **{k: v for k, v in self.materials.items() if k not in others}})
@@ -77,6 +90,10 @@ class MaterialTable:
 def read_label_names(path: str | PathLike[str]) -> dict[int, str]:
     """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""
     return {0: BACKGROUND, **read_names(path, "label names")}
+
+
+Materials = MaterialTable | Mapping[str, Material] | str | PathLike[str]
+"""What a table of materials is made of."""
 
 
 @lru_cache(maxsize=1)

@@ -16,7 +16,7 @@ from ..geometry.label_map import HALF, LabelMap
 from ..geometry.volume import Volume
 from ..io.labels import labels_named, names_of, read_labels
 from .material import Material
-from .material_table import MaterialTable, read_label_names
+from .material_table import BACKGROUND, Materials, MaterialTable, read_label_names
 from .moduli import Moduli, check_ratio
 
 Array = NDArray[np.float64]
@@ -93,6 +93,26 @@ class TissueMap:
         by_label = read_label_names(names_of(labels, names))
         with labels_named(labels):
             return cls.named(found, by_label, by_name)
+
+    @classmethod
+    def of(cls, labels: LabelMap, materials: Materials | None = None) -> TissueMap:
+        """Return a label map's tissues, by the names it carries; label 0 is soft tissue where it has none.
+
+        Parameters
+        ----------
+        labels : LabelMap
+            With names.
+        materials : path-like, MaterialTable or mapping of str to Material, optional
+            By name, over the assumed ones.
+
+        Raises
+        ------
+        ValueError
+            Labels without names, or a name without a material.
+        """
+        if not labels.names:
+            raise ValueError(f"labels = {labels!r} has no names; read it with them: read_labels(path, names=...)")
+        return cls.named(labels, {0: BACKGROUND, **labels.names}, MaterialTable.of(materials))
 
     @classmethod
     def named(cls, labels: Volume, names: Mapping[int, str], table: MaterialTable) -> TissueMap:

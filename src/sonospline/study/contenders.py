@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._extras import present
-from ..fields.field import Method
+from ..fields.maps import Method
 from ..models.spline.spline import PolyharmonicSpline
 from .problem import Problem
 

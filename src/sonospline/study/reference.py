@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
-from ..fields.field import Method
+from ..fields.maps import Method
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..models.insertion import NeedleInsertion

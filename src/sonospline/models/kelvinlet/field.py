@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _validate
-from ...fields.field import Field, Method
+from ...fields.field import Field
+from ...fields.maps import Method
 from ...geometry.grid import Grid
 from .kernel import Kelvinlet
 
