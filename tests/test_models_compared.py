@@ -38,7 +38,7 @@ def test_a_shaft_between_the_nodes_is_refused():
 def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
     insertion = ElasticInsertion(cube(9), labelled_cube("layers", voxels=24), LineForce(), nodes=9**3)
     needles = [ss.Needle(NEEDLE.entry, NEEDLE.at(depth)) for depth in (0.5, 1.0)]
-    fields = models._live(insertion, needles, frames=7)
+    fields = models._live(insertion, needles, steps=7)
     assert insertion.solution.steps == 7
     for field, needle in zip(fields, needles, strict=True):
         solver = insertion.solver
@@ -60,7 +60,7 @@ def test_errors_by_tissue_are_of_that_tissue_alone():
 
 
 def test_the_kernels_own_factor_on_a_held_shaft_is_a_least_squares_one(monkeypatch):
-    scope = models.Scope(("H2",), fine=17, side=9, depths=1, frames=4, scenes=("homogeneous",))
+    scope = models.Scope(("H2",), fine=17, side=9, depths=1, steps=4, scenes=("homogeneous",))
     monkeypatch.setattr(models, "ShaftDisplacement", lambda: HELD)
     tuned = ss.NeedleTissueModel.tuned()
     factors = models.held_factors(scope, tuned)

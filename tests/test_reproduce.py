@@ -26,7 +26,7 @@ TINY = study.Plan(
     population=4,
     generations=2,
     workers=1,
-    scope=Scope(("H3",), fine=33, side=17, depths=2, frames=20, scenes=("homogeneous", "layers")),
+    scope=Scope(("H3",), fine=33, side=17, depths=2, steps=20, scenes=("homogeneous", "layers")),
 )
 
 

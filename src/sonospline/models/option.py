@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from keyword import iskeyword
 from typing import Any, Literal
 
 from .. import _validate
 from .._shown import figure, shown
+
+_TAKEN = ("name", "tissue", "materials", "needs", "progress", "use", "poissons_ratio")
+"""Arguments of :func:`~sonospline.models.make`, and keys of a scene file beside the options."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +36,11 @@ class Option:
     live : (float, float), optional
         The narrower range of scene files, which strangers may send; they cannot give an option that has none.
 
+    Raises
+    ------
+    ValueError
+        A name that is no word, an unknown kind, or a default out of range.
+
     Examples
     --------
     >>> from sonospline.models import Option
@@ -52,6 +61,15 @@ class Option:
     high: float | None = None
     choices: tuple[str, ...] = ()
     live: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise ValueError(f"name = {shown(self.name)} is not a word; give letters, digits and _")
+        if self.name in _TAKEN or iskeyword(self.name):
+            raise ValueError(f"name = {self.name!r} means something else where options are given; choose another")
+        _validate.choice("kind", self.kind, ("number", "whole", "choice"))
+        if self.default is not None:
+            self.check(self.default, name=f"default of {self.name}")
 
     def check(self, value: Any, *, name: str | None = None) -> Any:
         """Return a value that the model may be given; ``name`` is what errors call the option.

@@ -87,8 +87,14 @@ class ModelSpec:
             raise ValueError(f"name = {shown(self.name)} is not a word; give letters, digits, - and _")
         if not callable(self.maker):
             raise ValueError(f"maker = {shown(self.maker)} cannot be called; give maker(tissue, materials, **options)")
+        for text in ("title", "summary"):
+            if not isinstance(getattr(self, text), str):
+                raise ValueError(f"{text} = {shown(getattr(self, text))} is no text; give a line of it")
         object.__setattr__(self, "capabilities", frozenset(self.capabilities))
         object.__setattr__(self, "options", tuple(self.options))
+        for option in self.options:
+            if not isinstance(option, Option):
+                raise ValueError(f"options has {shown(option)}, which is not an Option; make one")
         for capability in self.capabilities:
             _validate.choice("capabilities", capability, CAPABILITIES)
         names = [option.name for option in self.options]
@@ -246,7 +252,7 @@ def _add_from(entry: EntryPoint) -> None:
     """Add a package's model; one that fails is left out, and said, and hurts no other."""
     try:
         _add(entry.load())
-    except Exception as error:  # whatever another package raises
+    except (Exception, SystemExit) as error:  # whatever another package raises
         problem = f"{type(error).__name__}: {error}".splitlines()[0][:_LONGEST]
         logger.warning("model %r of %s is left out (%s)", entry.name, entry.value, problem)
 

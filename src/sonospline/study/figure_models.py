@@ -9,7 +9,7 @@ import numpy as np
 
 from ..io.canvas import picture
 from .figure_mesh import NEEDLE
-from .report_models import MODELS
+from .models_compared import model_titles
 from .study import mean_rows
 
 Row = dict[str, Any]
@@ -55,7 +55,7 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
             column[0].plot(*np.transpose(fields["needle"]), color=NEEDLE, lw=1.5)
             column[0].set_title(scene)
         for row, name in zip(panels, ("reference", *_SHOWN), strict=True):
-            label = "finite elements, |u|" if name == "reference" else f"error, {MODELS[name]}"
+            label = "finite elements, |u|" if name == "reference" else f"error, {model_titles()[name]}"
             row[-1].annotate(label, (1.04, 0.5), xycoords="axes fraction", rotation=270, va="center", fontsize=9)
         figure.colorbar(drawn["reference"], ax=panels[0], label="of the largest", pad=0.03)
         figure.colorbar(
@@ -78,7 +78,7 @@ def draw_depths(rows: list[Row], path: Path) -> None:
     with picture(path, 3.1 * len(scenes), 4.0, dpi=100) as figure:
         panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
         for panel, scene in zip(panels, scenes, strict=True):
-            for number, (model, label) in enumerate(MODELS.items()):
+            for number, (model, label) in enumerate(model_titles().items()):
                 line = [
                     (row["depth"], row["relative"]) for row in means if (row["scene"], row["model"]) == (scene, model)
                 ]

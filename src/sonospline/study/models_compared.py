@@ -17,9 +17,10 @@ from ..mechanics.labelled_cubes import TISSUES
 from ..mechanics.line_force import LineForce
 from ..mechanics.material import Material
 from ..mechanics.shaft_displacement import ShaftDisplacement
+from ..mechanics.tissue_map import TissueMap
+from ..models import registry
 from ..models.elastic import ElasticInsertion, ElasticSolver
 from ..models.insertion import NeedleInsertion
-from ..models.kelvinlet import DragModel, KelvinletInsertion
 from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
 from .held_shaft import held_shaft
@@ -46,8 +47,8 @@ class Scope:
     """Nodes a side of the live solver, and of the reference of case D."""
     depths: int = 5
     """Equal steps to the target at which errors are measured."""
-    frames: int = 60
-    """Of an elastic insertion, one iteration each."""
+    steps: int = 60
+    """Of an elastic insertion."""
     scenes: tuple[str, ...] = LABELLED_CUBES
 
     @property
@@ -70,7 +71,9 @@ def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: Nee
     expected = [np.moveaxis(state.displacement, 0, -1)[::2, ::2, ::2].astype(float) for state in states]
     found = _without_labels(scope, plan, tuned) if len(tissues.materials) > 1 else _kernel_fields(scope, plan, tuned)
     live = ElasticInsertion(tissue, tissues, LineForce(), nodes=scope.side**3)
-    found = {**found, "elastic": _live(live, needles, scope.frames)}
+    found = {**found, "elastic": _live(live, needles, scope.steps)}
+    for model, insertion in _labelled(tissue, tissues).items():
+        found[model] = _live(insertion, needles, scope.steps)
     labels = tissues.labels_at(tissue.grid.points).reshape(tissue.grid.shape)
     rows: list[Row] = []
     for model, fields in found.items():
@@ -139,7 +142,7 @@ def _without_labels(scope: Scope, plan: PlannedInsertion, tuned: NeedleTissueMod
     uniform = ElasticInsertion(scope.display, Material(), LineForce(), nodes=scope.side**3)
     return {
         **_kernel_fields(scope, plan, tuned),
-        "one stiffness": _live(uniform, _needles(scope, plan), scope.frames),
+        "one stiffness": _live(uniform, _needles(scope, plan), scope.steps),
     }
 
 
@@ -157,21 +160,43 @@ def _needles(scope: Scope, plan: PlannedInsertion) -> list[Needle]:
     return [Needle(whole.entry, whole.at((k + 1) / scope.depths)) for k in range(scope.depths)]
 
 
-def _kernels(tissue: Tissue, tuned: NeedleTissueModel) -> dict[str, NeedleInsertion]:
+def model_titles() -> dict[str, str]:
+    """Return what the report calls each model that is compared: those of the registry, the paper's in two tunings."""
+    names = registry.names()
+    labelled = registry.able("labels")
+    others = [name for name in names if name not in labelled and name != "paper"]
     return {
-        "Table I": Insertion(tissue, NeedleTissueModel.paper()),
-        "tuned": Insertion(tissue, tuned),
-        "kelvinlet": KelvinletInsertion(tissue, DragModel.kelvinlet()),
+        "Table I": "paper, Table I",
+        "tuned": "paper, tuned on F",
+        **{name: name for name in others},
+        "one stiffness": "elastic, one stiffness",
+        **{name: name for name in labelled},
     }
 
 
-def _live(insertion: ElasticInsertion, needles: list[Needle], frames: int) -> list[Array]:
-    """Fields at the poses of an insertion that takes so many frames to the last of them."""
+def _kernels(tissue: Tissue, tuned: NeedleTissueModel) -> dict[str, NeedleInsertion]:
+    """The models that know no labels."""
+    others = [name for name in registry.names() if name != "paper" and name not in registry.able("labels")]
+    return {
+        "Table I": Insertion(tissue, NeedleTissueModel.paper()),
+        "tuned": Insertion(tissue, tuned),
+        **{name: NeedleInsertion(registry.make(name, tissue)) for name in others},
+    }
+
+
+def _labelled(tissue: Tissue, tissues: TissueMap) -> dict[str, NeedleInsertion]:
+    """The models that know labels, besides the one that has the reference's own load."""
+    others = [name for name in registry.able("labels") if name != "elastic"]
+    return {name: NeedleInsertion(registry.make(name, tissue, tissues)) for name in others}
+
+
+def _live(insertion: NeedleInsertion, needles: list[Needle], steps: int) -> list[Array]:
+    """Fields at the poses of an insertion that takes so many steps to the last of them."""
     whole, fields = needles[-1], []
     for number, needle in enumerate(needles):
-        first, last = (round(frames * k / len(needles)) for k in (number, number + 1))
-        for frame in range(first + 1, last + 1):
-            insertion.advance(Needle(whole.entry, whole.at(frame / frames)) if frame < last else needle)
+        first, last = (round(steps * k / len(needles)) for k in (number, number + 1))
+        for step in range(first + 1, last + 1):
+            insertion.advance(Needle(whole.entry, whole.at(step / steps)) if step < last else needle)
         fields.append(np.asarray(insertion.field.on_grid(), float))
     return fields
 

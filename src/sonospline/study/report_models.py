@@ -8,17 +8,11 @@ from typing import Any
 import numpy as np
 
 from .markdown import table
+from .models_compared import model_titles
 from .study import mean_rows
 
 Row = dict[str, Any]
 
-MODELS = {
-    "Table I": "paper, Table I",
-    "tuned": "paper, tuned on F",
-    "kelvinlet": "kelvinlet",
-    "one stiffness": "elastic, one stiffness",
-    "elastic": "elastic",
-}
 COSTS = {
     "ours": "paper",
     "kelvinlet": "kelvinlet",
@@ -42,7 +36,7 @@ def compared_models(results: Row) -> Iterable[str]:
     yield "### Load case F: friction along the shaft and a force at the tip"
     yield (
         f"Full depth, against the converged field on {fine}^3 nodes: MAE / mean u, and in brackets the error at the "
-        f"tip over the largest displacement. *elastic* takes {scope['frames']} frames of one iteration on "
+        f"tip over the largest displacement. *elastic* takes {scope['steps']} steps on "
         f"{scope['side']}^3 nodes."
     )
     friction = [row for row in models["friction"] if row["depth"] == 1.0]
@@ -52,7 +46,8 @@ def compared_models(results: Row) -> Iterable[str]:
     yield "By tissue, error over displacement within it (in bone the displacement is next to nothing):"
     yield _by_tissue(friction)
     yield "### Load case D: a shaft that is held"
-    factors = ", ".join(f"{MODELS[name]} {value:.2f}" for name, value in models["factors"].items())
+    titles = model_titles()
+    factors = ", ".join(f"{titles[name]} {value:.2f}" for name, value in models["factors"].items())
     yield (
         f"Full depth, against finite elements on the same {scope['side']}^3 nodes (which nodes are held depends on "
         "the mesh). The kernels' fields are multiplied by one factor each, fitted to this load on the three tuning "
@@ -78,22 +73,23 @@ def compared_models(results: Row) -> Iterable[str]:
 
 def _by_scene(rows: list[Row], scenes: list[str]) -> str:
     means = {(row["scene"], row["model"]): row for row in mean_rows(rows, "scene", "model")}
-    shown = [model for model in MODELS if any(found == model for _, found in means)]
+    titles = {model: title for model, title in model_titles().items() if any(found == model for _, found in means)}
     return table(
-        ("scene", *(MODELS[model] for model in shown)),
-        [(scene, *(_errors_of(means.get((scene, model))) for model in shown)) for scene in scenes],
+        ("scene", *titles.values()),
+        [(scene, *(_errors_of(means.get((scene, model))) for model in titles)) for scene in scenes],
     )
 
 
 def _by_tissue(rows: list[Row]) -> str:
+    titles = model_titles()
     found: dict[tuple[str, str], dict[str, list[float]]] = {}
     for row in rows:
         for tissue, relative in row["tissues"].items():
             found.setdefault((row["scene"], tissue), {}).setdefault(row["model"], []).append(relative)
     return table(
-        ("scene", "tissue", *MODELS.values()),
+        ("scene", "tissue", *titles.values()),
         [
-            (*place, *(f"{np.mean(errors[model]):.3f}" if model in errors else "" for model in MODELS))
+            (*place, *(f"{np.mean(errors[model]):.3f}" if model in errors else "" for model in titles))
             for place, errors in found.items()
         ],
     )
