@@ -23,6 +23,8 @@ _FINEST, _FITTING, _COARSEST = 0.105, 1.2, 1.5
 """A sample, in standard deviations of the pulse: 63 half-samples hold 3.3 of them."""
 _FEWEST_SAMPLES, _SAMPLES, _MOST_SAMPLES = 80, 1024, 32_768
 """Along a beam: at least, where they fit the pulse, and at most."""
+_WIDEST_STEP, _MOST_LINES = 2.6, 512
+"""Between lines, in standard deviations of the beam, before there are more of them; and how many at most."""
 
 
 _ABDOMINAL: dict[str, Any] = {
@@ -35,7 +37,7 @@ _CARDIAC: dict[str, Any] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Probe:
     """A transducer and its settings.
 
@@ -124,11 +126,22 @@ class Probe:
                 f"({_FWHM * self.axial_sigma:.3f} mm long); take {remedy} samples"
             )
 
+    def __repr__(self) -> str:
+        size = f"{self.lines} lines of {self.samples} samples"
+        return f"Probe({self.kind}, {self.frequency_mhz:g} MHz, {self.depth_mm:g} mm deep, {size})"
+
     @classmethod
     def linear(
         cls, *, frequency_mhz: float = 7.5, depth_mm: float = 45.0, aperture_mm: float = 38.0, **settings: Any
     ) -> Probe:
-        """Return a small-parts probe: parallel beams; as many samples as its pulse needs."""
+        """Return a small-parts probe: parallel beams; as many samples and lines as its pulse and beam need.
+
+        Examples
+        --------
+        >>> from sonospline.ultrasound import Probe
+        >>> Probe.linear(frequency_mhz=10, depth_mm=80)
+        Probe(linear, 10 MHz, 80 mm deep, 192 lines of 1440 samples)
+        """
         return cls._preset("linear", frequency_mhz, depth_mm, {"aperture_mm": aperture_mm} | settings)
 
     @classmethod
@@ -148,10 +161,17 @@ class Probe:
         if "samples" not in settings:
             bandwidth = _bandwidth(settings.get("bandwidth", cls.bandwidth))
             settings = settings | {"samples": _fitting_samples(depth_mm, _axial_sigma(bandwidth, frequency_mhz))}
-        return cls(kind=kind, frequency_mhz=frequency_mhz, depth_mm=depth_mm, **settings)
+        probe = cls(kind=kind, frequency_mhz=frequency_mhz, depth_mm=depth_mm, **settings)
+        return probe if "lines" in settings else replace(probe, lines=probe._fitting_lines())
 
-    def tuned(self, *, frequency_mhz: float, depth_mm: float, elevation_focus_mm: float) -> Probe:
-        """Return the probe with its knobs turned, and as many samples as its pulse then needs.
+    def tuned(
+        self,
+        *,
+        frequency_mhz: float | None = None,
+        depth_mm: float | None = None,
+        elevation_focus_mm: float | None = None,
+    ) -> Probe:
+        """Return the probe with some knobs turned, and as many samples as its pulse then needs.
 
         Examples
         --------
@@ -159,15 +179,22 @@ class Probe:
         >>> Probe.linear().tuned(frequency_mhz=1.0, depth_mm=20, elevation_focus_mm=15).samples
         400
         """
-        sigma = _axial_sigma(self.bandwidth, _validate.number("frequency_mhz", frequency_mhz, positive=True))
-        depth = _validate.number("depth_mm", depth_mm, positive=True)
+        frequency = self.frequency_mhz if frequency_mhz is None else frequency_mhz
+        depth = self.depth_mm if depth_mm is None else depth_mm
+        sigma = _axial_sigma(self.bandwidth, _validate.number("frequency_mhz", frequency, positive=True))
         return replace(
             self,
-            frequency_mhz=frequency_mhz,
-            depth_mm=depth_mm,
-            elevation_focus_mm=elevation_focus_mm,
-            samples=_fitting_samples(depth, sigma),
+            frequency_mhz=frequency,
+            depth_mm=depth,
+            elevation_focus_mm=self.elevation_focus_mm if elevation_focus_mm is None else elevation_focus_mm,
+            samples=_fitting_samples(_validate.number("depth_mm", depth, positive=True), sigma),
         )
+
+    def _fitting_lines(self) -> int:
+        """192 lines, or as many as keep neighbours within 2.6 standard deviations of the beam all along."""
+        ranges = np.linspace(0, self.depth_mm, 50)
+        apart = float((self.line_spacing(ranges) / self.lateral_sigma(ranges)).max())
+        return min(max(self.lines, int(np.ceil(apart / _WIDEST_STEP * (self.lines - 1))) + 1), _MOST_LINES)
 
     @property
     def wavelength_mm(self) -> float:
