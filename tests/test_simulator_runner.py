@@ -195,29 +195,29 @@ def test_a_recorder_gets_every_frame_in_order(console):
 
 
 def test_a_recorder_that_loses_frames_is_told_how_many_and_where(console):
-    taker, gate, told = Taker(), threading.Event(), []
+    taker, gate, notes = Taker(), threading.Event(), []
 
     def record(frame, stamp):
-        told.append(frame.number)
+        notes.append(frame.number)
         gate.wait(60)
 
     with Runner(console) as runner:
-        recording = runner.subscribe(record, on_error=told.append, capacity=4, when_full="refuse")
+        recording = runner.subscribe(record, on_error=notes.append, capacity=4, when_full="refuse")
         runner.subscribe(taker, quick=True)
         push(runner, taker, steps=30)
         lost = recording.dropped
         gate.set()
         push(runner, taker, steps=3, first=31)
-        assert wait_for(lambda: len(told) > 6)
-    assert told[:5] == list(range(told[0], told[0] + 5))
+        assert wait_for(lambda: len(notes) > 6)
+    assert notes[:5] == list(range(notes[0], notes[0] + 5))
     assert lost >= 24
-    number = told[6]
-    after = told[4] + 1
+    number = notes[6]
+    after = notes[4] + 1
     assert (
-        told[5] == f"{number - after} frames were lost before frame {number}; take them faster, or give more than "
+        notes[5] == f"{number - after} frames were lost before frame {number}; take them faster, or give more than "
         "capacity = 4"
     )
-    assert recording.given + recording.dropped == console.last.number + 1 - told[0]
+    assert recording.given + recording.dropped == console.last.number + 1 - notes[0]
 
 
 def test_frames_wait_until_their_subscriber_is_ready(console):

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._shown import shown
 from ..fields.grid_field import GridField
-from ..geometry import pose
 from ..geometry.needle import Needle
 from ..models import registry
 from ..models.contract import Response, TissueModel
@@ -23,6 +20,7 @@ from ..models.insertion import NEEDLE
 from .command import ImageSettings
 from .fold_check import folds
 from .imaging import Imager, out_of_plane, tuned
+from .poses import Needles, Poses, same
 from .readouts import Readouts
 from .scene import Scene
 from .scene_file import SceneFile
@@ -31,15 +29,6 @@ from .scene_model import scene_model
 from .simulated_frame import SimulatedFrame
 
 Array = NDArray[np.float64]
-Needles = Mapping[str, Needle]
-
-
-class _Poses(NamedTuple):
-    """What a step is about, checked."""
-
-    needles: dict[str, Needle]
-    probe_to_reference: Array
-    settings: ImageSettings
 
 
 class _Answer(NamedTuple):
@@ -134,21 +123,20 @@ class Session:
             raises, nothing has changed.
         """
         last, dt = self.last, _validate.number("dt", dt)
-        poses = self._poses(needles, probe_to_reference, settings)
+        poses = self._in_force().changed(self.scene, needles, probe_to_reference, settings)
         number = 0 if last is None else last.number + 1
         began = time.perf_counter()
         answer = self._answer(poses.needles, dt)
         answered = time.perf_counter()
         imager = self._aimed(poses)
-        needle = next(iter(poses.needles.values()), None)
-        image = imager.render(answer.field, needle, frame=number, gain_db=poses.settings.gain)
+        image = imager.render(answer.field, poses.needle, frame=number, gain_db=poses.settings.gain)
         rendered = time.perf_counter()
         rest, moved = self.scene.targets[self.target], self._target_moved(answer)
         self.last = SimulatedFrame(
             number=number, image=image, probe=imager.probe, probe_to_reference=imager.probe_to_reference,
             settings=poses.settings, needles=poses.needles, model=self.model, response=answer.response,
             field=answer.field, target=self.target, target_rest=rest, target_now=rest + moved,
-            readouts=self._readouts(needle, rest + moved, moved, imager, answer),
+            readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer),
             step_ms=1e3 * (answered - began), render_ms=1e3 * (rendered - answered),
         )  # fmt: skip
         self._imager = imager
@@ -204,35 +192,19 @@ class Session:
                     model.step(model.rest, {NEEDLE: needle})
                 self._models[name] = model
 
-    def _poses(
-        self, needles: Needles | None, probe_to_reference: ArrayLike | None, settings: ImageSettings | None
-    ) -> _Poses:
-        last, scene = self.last, self.scene
-        if needles is not None and not isinstance(needles, Mapping):
-            raise ValueError(f'needles = {shown(needles)} has no names; give {{"needle": Needle(entry, tip)}}')
-        if settings is not None:
-            if not isinstance(settings, ImageSettings):
-                raise ValueError(f"settings = {shown(settings)} is not ImageSettings; change some of scene.start.image")
-            scene.knobs.check(replace(scene.start, image=settings))
-        if probe_to_reference is not None:
-            pose.rigid("probe_to_reference", probe_to_reference)  # the imager frees it of its rounding, once
-            place = np.array(probe_to_reference, float)
-            place.setflags(write=False)
-        elif last is not None:
-            place = last.probe_to_reference
-        else:
-            place = scene.frame.probe_to_reference(scene.start.probe, scene.spec.probe.press_mm)
-        inside = {} if last is None else last.needles
-        dials = scene.start.image if last is None else last.settings
-        return _Poses(dict(inside if needles is None else needles), place, dials if settings is None else settings)
+    def _in_force(self) -> Poses:
+        last = self.last
+        if last is None:
+            return Poses.at_start(self.scene)
+        return Poses(last.needles, last.probe_to_reference, last.settings)
 
-    def _answer(self, needles: dict[str, Needle], dt: float) -> _Answer:
+    def _answer(self, needles: Needles, dt: float) -> _Answer:
         """Let the tissue answer to needles; where it already has, and has come to rest, nothing is done."""
         last = self.last if self.last is not None and self.last.model == self.model else None
         before = None if last is None else last.response
         if before is None and not needles:
             return _Answer(None, self.rest, folds=False)
-        if last is not None and before is not None and before.settled and _same(last.needles, needles):
+        if last is not None and before is not None and before.settled and same(last.needles, needles):
             return _Answer(before, last.field, last.readouts.folds)
         model = self._model(self.model)
         response = model.step(model.rest if before is None else before.state, needles, dt)
@@ -247,7 +219,7 @@ class Session:
                 self._models[name] = scene_model(self.scene, name)
             return self._models[name]
 
-    def _aimed(self, poses: _Poses) -> Imager:
+    def _aimed(self, poses: Poses) -> Imager:
         imager, place = self._imager, poses.probe_to_reference
         probe = tuned(self.scene.probe, poses.settings)
         if imager is None:
@@ -271,10 +243,3 @@ class Session:
             moved_parts=self.scene.frame.parts(moved), out_of_plane=away, half_slice=half_slice, folds=answer.folds,
             estimate=answer.field.error_estimate,
         )  # fmt: skip
-
-
-def _same(a: Needles, b: Needles) -> bool:
-    return a.keys() == b.keys() and all(
-        isinstance(b[name], Needle) and (a[name].entry == b[name].entry).all() and (a[name].tip == b[name].tip).all()
-        for name in a
-    )
