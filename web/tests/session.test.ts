@@ -1,0 +1,81 @@
+import { beforeEach, describe, expect, it, vi } from "vitest";
+import type { Connection, Loss } from "../src/connection";
+import { PROTOCOL, type Binary, type ClientText, type FrameHeader, type Hello, type Knob, type Scene, type ServerText } from "../src/protocol";
+import { Session } from "../src/session";
+import { Signal } from "../src/signal";
+import { command, gain, knob, push, slide } from "./knobs";
+
+/** A connection without a socket: what the server says is emitted, what the page says is kept. */
+class Wire {
+  readonly text = new Signal<ServerText>();
+  readonly binary = new Signal<Binary>();
+  readonly opened = new Signal<void>();
+  readonly lost = new Signal<Loss>();
+  readonly broken = new Signal<string>();
+  readonly said: ClientText[] = [];
+  isOpen = true;
+  session: string | null = null;
+
+  send(message: ClientText): boolean {
+    this.said.push(message);
+    return true;
+  }
+
+  settle(): void {}
+}
+
+const persistence: Knob = knob("image.persistence", { keys: ["KeyT", "KeyY"], low: 0, high: 4, step: 1, setting: true });
+const start = { ...command, image: { ...command.image, persistence: 1 } };
+const scene = { type: "scene", id: "toy", name: "Toy", models: [], model: "paper", target: "t", knobs: [push, slide, gain, persistence], state: start, start } as unknown as Scene;
+const hello: Hello = { type: "hello", version: "1", protocol: PROTOCOL, scenes: [], session: "key", resumed: false };
+
+describe("a session", () => {
+  let wire: Wire;
+  let session: Session;
+  let seq = 0;
+
+  const show = (state: typeof start) => {
+    seq += 1;
+    const header = { frame: seq, seq: wire.said.filter(({ type }) => type === "command").length, state, model: "paper", target: { id: "t" } } as unknown as FrameHeader;
+    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    session.draw(1000 * seq);
+  };
+
+  beforeEach(() => {
+    vi.stubGlobal("document", { hidden: false });
+    wire = new Wire();
+    session = new Session(wire as unknown as Connection);
+    wire.opened.emit();
+    wire.text.emit(hello);
+    wire.text.emit(scene);
+    show(start);
+  });
+
+  it("moves a knob it has never heard of, within its limits, and tells the server", () => {
+    expect(session.value("image.persistence")).toBe(1);
+    session.nudge("image.persistence", 7);
+    const last = wire.said.at(-1);
+    expect(last?.type === "command" && last.image).toEqual({ ...command.image, persistence: 4 });
+    expect(session.command?.needle).toBe(start.needle);
+  });
+
+  it("follows the server where it does not", () => {
+    const ends: string[] = [];
+    session.limited.on(([{ id }, sign]) => ends.push(`${id} ${sign}`));
+    session.nudge("image.persistence", 2);
+    show({ ...start, image: { ...start.image, persistence: 2 } });
+    expect(session.value("image.persistence")).toBe(2);
+    expect(ends).toEqual(["image.persistence 1"]);
+  });
+
+  it("says so where a scene lacks a knob that a gesture asks for", () => {
+    expect(() => session.knob("probe.tilt")).toThrow("the server says nothing of the knob probe.tilt");
+  });
+
+  it("warns of a server of another version", () => {
+    const heard: string[] = [];
+    wire.broken.on((message) => heard.push(message));
+    wire.text.emit({ ...hello, protocol: 99 as unknown as Hello["protocol"] });
+    expect(heard).toEqual([`The server speaks version 99, this page ${PROTOCOL}: reload the page`]);
+  });
+});
