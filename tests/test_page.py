@@ -45,13 +45,13 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
     console = Console(Session("kidney"))
     console.step()  # the server makes a first picture before anybody asks
     for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["state"]["frozen"]]:
-        shown = console.step(command_of(header["state"]))
+        frame = console.step(command_of(header["state"]))
         sent = pixels
     np.testing.assert_array_equal(shown, sent)
-    np.testing.assert_array_equal(sent, shown.image.pixels)
-    assert driver.value("tip-to-target") == pytest.approx(shown.readouts.tip_to_target, abs=0.01)
-    assert driver.value("moved") == pytest.approx(shown.readouts.moved, abs=0.01)
-    assert driver.value("depth") == pytest.approx(shown.readouts.depth, abs=0.01)
+    np.testing.assert_array_equal(sent, frame.image.pixels)
+    assert driver.value("tip-to-target") == pytest.approx(frame.readouts.tip_to_target, abs=0.01)
+    assert driver.value("moved") == pytest.approx(frame.readouts.moved, abs=0.01)
+    assert driver.value("depth") == pytest.approx(frame.readouts.depth, abs=0.01)
     assert driver.value("moved") > 0.02
 
     driver.page.keyboard.press("Space")
