@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.fields import largest_strain
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import FLUID_SHEAR, Material, MaterialTable, TissueMap, labelled_cube, read_label_names
-from sonospline.models.elastic import ElasticSolver, largest_strain
+from sonospline.models.elastic import ElasticSolver
 
 SOFT, STIFF = Material(stiffness_kpa=1), Material(stiffness_kpa=16)
 BONE = Material(stiffness_kpa=1000, rigid=True)

@@ -8,6 +8,7 @@ from builds import needs_core
 from labelled_tissue import away_from_reference, bone_of, consistent_load
 from sonospline import _core
 from sonospline.fem import FiniteElementModel
+from sonospline.geometry import solver_grid
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import (
     LABELLED_CUBES,
@@ -19,8 +20,8 @@ from sonospline.mechanics import (
     TissueMap,
     labelled_cube,
 )
-from sonospline.models.elastic import ElasticInsertion, ElasticSolver, NotConvergedError, solver_grid
-from sonospline.models.elastic.load_vector import nodal_load
+from sonospline.mechanics.nodal_load import nodal_load
+from sonospline.models.elastic import ElasticInsertion, ElasticSolver, NotConvergedError
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 SMALL = 13**3

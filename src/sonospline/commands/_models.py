@@ -10,7 +10,7 @@ from typing import Any
 from ..geometry.tissue import Tissue
 from ..mechanics.material import Material
 from ..mechanics.tissue_map import TissueMap
-from ..models import registry
+from ..models import maker, registry
 from ..models.contract import TissueModel
 from ..models.option import Option
 from . import _limits, _parameters
@@ -75,11 +75,11 @@ def make(args: argparse.Namespace, tissue: Tissue, tissues: TissueMap | None) ->
     file = {} if args.parameters is None else _parameters.read(args.parameters, spec, tissue.grid.side)
     with bar("setting up the model", quiet=args.quiet or not spec.reports_progress) as progress:
         options = {**file, **_given(args, spec)}
-        return registry.make(args.model, tissue, tissues or _homogeneous(args), progress=progress, **options)
+        return maker.make(args.model, tissue, tissues or _homogeneous(args), progress=progress, **options)
 
 
 def _homogeneous(args: argparse.Namespace) -> Material:
-    stiffness = registry.DEFAULT_KPA if args.stiffness is None else args.stiffness
+    stiffness = maker.DEFAULT_KPA if args.stiffness is None else args.stiffness
     return Material(stiffness) if args.poisson is None else Material(stiffness, args.poisson)
 
 

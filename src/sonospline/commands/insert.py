@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ..fields.strain import SMALL
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..geometry.volume import Volume
 from ..io.staging import staged_folder
 from ..io.volumes import suffix_of
 from ..mechanics.tissue_map import TissueMap
-from ..models.elastic.strain import SMALL
 from ..models.insertion import NeedleInsertion
 from . import _folds, _limits, _models, _points
 from ._insert_place import image, needle_path

@@ -8,3 +8,5 @@ from .maps import FieldMaps as FieldMaps
 from .maps import InverseReport as InverseReport
 from .slices import NodeSlice as NodeSlice
 from .slices import PlaneSlice as PlaneSlice
+from .strain import Strain as Strain
+from .strain import largest_strain as largest_strain

@@ -11,5 +11,6 @@ from .pose import rigid as rigid
 from .pose import shifted as shifted
 from .pose import to_image as to_image
 from .pose import to_reference as to_reference
+from .solver_grid import solver_grid as solver_grid
 from .tissue import Tissue as Tissue
 from .volume import Volume as Volume

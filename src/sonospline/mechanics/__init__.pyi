@@ -1,3 +1,4 @@
+from .default_load import default_load as default_load
 from .labelled_cubes import LABELLED_CUBES as LABELLED_CUBES
 from .labelled_cubes import labelled_cube as labelled_cube
 from .line_force import LineForce as LineForce

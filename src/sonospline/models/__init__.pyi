@@ -15,10 +15,10 @@ from .kelvinlet import Kelvinlet as Kelvinlet
 from .kelvinlet import KelvinletField as KelvinletField
 from .kelvinlet import KelvinletInsertion as KelvinletInsertion
 from .kelvinlet import KelvinletModel as KelvinletModel
+from .maker import make as make
 from .option import Option as Option
 from .registry import ModelSpec as ModelSpec
 from .registry import able as able
-from .registry import make as make
 from .registry import names as names
 from .registry import register as register
 from .registry import spec as spec

@@ -8,22 +8,16 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import _validate
 from .._shown import shown
-from ..geometry.tissue import Tissue
-from ..mechanics.material import Material
-from ..mechanics.tissue_map import TissueMap
 from .capability import CAPABILITIES, CapabilityError
 from .option import Option
-
-if TYPE_CHECKING:
-    from .contract import TissueModel
 
 GROUP = "sonospline.models"
 """Entry points by which packages add models."""
@@ -56,7 +50,7 @@ class ModelSpec:
     summary : str
         What it is, in a line.
     maker : callable
-        ``maker(tissue, materials, **options)`` makes the model; ``materials`` is a Material, or a
+        ``maker(tissue, materials, **options)`` makes the :class:`TissueModel`; ``materials`` is a Material, or a
         TissueMap where the model knows ``"labels"``.
     options : tuple of Option
         What it can be told.
@@ -76,7 +70,7 @@ class ModelSpec:
     name: str
     title: str
     summary: str
-    maker: Callable[..., TissueModel]
+    maker: Callable[..., Any]
     options: tuple[Option, ...] = ()
     capabilities: frozenset[str] = frozenset()
     properties: tuple[str, ...] = ()
@@ -172,66 +166,6 @@ def require(name: str, capability: str) -> None:
     """Raise CapabilityError where a model cannot do something, naming those that can."""
     if capability not in spec(name).capabilities:
         raise CapabilityError(name, capability, able(capability))
-
-
-def make(
-    name: str,
-    tissue: Tissue,
-    materials: Material | TissueMap | None = None,
-    *,
-    needs: Iterable[str] = (),
-    progress: Callable[[int, int], None] | None = None,
-    **options: Any,
-) -> TissueModel:
-    """Return a model of the table, made for a tissue.
-
-    Parameters
-    ----------
-    name : str
-        One of :func:`names`.
-    tissue : Tissue
-        The box, its display grid and its free face.
-    materials : Material or TissueMap, optional
-        What it is made of, in kPa. By default soft tissue everywhere: 10 kPa, a Poisson's ratio of 0.45.
-    needs : iterable of str
-        What it must be able to do, of :data:`~sonospline.models.CAPABILITIES`.
-    progress : callable, optional
-        Called as ``progress(done, of)`` while a model that takes seconds is made.
-    **options
-        Those of :func:`spec`.
-
-    Raises
-    ------
-    ValueError
-        An unknown name or option, or a value out of range.
-    CapabilityError
-        The model cannot do what it needs, or knows no labels and is given some.
-
-    Examples
-    --------
-    >>> import sonospline as ss
-    >>> from sonospline import models
-    >>> models.make("kelvinlet", ss.Tissue(ss.Grid.unit_cube(25)), drag_mm=0.02).name
-    'kelvinlet'
-    >>> models.make("paper", ss.Tissue(ss.Grid.unit_cube(25)), needs=["labels"])
-    Traceback (most recent call last):
-    sonospline.models.capability.CapabilityError: model = 'paper' cannot do labels; use model = 'elastic'
-    """
-    found = spec(name)
-    for capability in needs:
-        require(name, _validate.choice("needs", capability, CAPABILITIES))
-    if isinstance(materials, TissueMap):
-        require(name, "labels")
-    elif not isinstance(materials, Material | None):
-        raise ValueError(f"materials = {shown(materials)} is none; give a Material, or a TissueMap for labelled tissue")
-    values = found.check(options)
-    if found.reports_progress:
-        values["progress"] = progress
-    return found.maker(tissue, Material(DEFAULT_KPA) if materials is None else materials, **values)
-
-
-DEFAULT_KPA = 10.0
-"""Young's modulus of tissue of which nothing is said: soft tissue."""
 
 
 def _discover() -> dict[str, ModelSpec]:

@@ -17,9 +17,9 @@ from ..geometry.tissue import Tissue
 from ..mechanics.material import Material
 from ..mechanics.material_table import Materials
 from ..mechanics.tissue_map import TissueMap
-from . import registry
 from .contract import NO_NEEDLES, Needles, Response, TissueModel
 from .insertion import NEEDLE
+from .maker import make
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class Simulation:
         **options: Any,
     ) -> None:
         made, contents = _box(tissue, entry_face, nodes), _contents(tissue, materials)
-        self.model: TissueModel = registry.make(model, made, contents, **options)
+        self.model: TissueModel = make(model, made, contents, **options)
         self.tissue = self.model.tissue
         self.reset()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..mechanics.material import Material
 from ..models import registry
 from ..models.contract import TissueModel
+from ..models.maker import make
 from .scene import Scene
 
 
@@ -21,4 +22,4 @@ def scene_model(scene: Scene, name: str) -> TissueModel:
     labelled = scene.tissues is not None and "labels" in spec.capabilities
     given = {option.name: getattr(part, option.name, None) for option in spec.options}
     options = {name: value for name, value in given.items() if value is not None}
-    return registry.make(name, scene.tissue, scene.tissues if labelled else homogeneous, **options)
+    return make(name, scene.tissue, scene.tissues if labelled else homogeneous, **options)

@@ -21,6 +21,7 @@ from ..mechanics.tissue_map import TissueMap
 from ..models import registry
 from ..models.elastic import ElasticInsertion, ElasticSolver
 from ..models.insertion import NeedleInsertion
+from ..models.maker import make
 from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
 from .held_shaft import held_shaft
@@ -180,14 +181,14 @@ def _kernels(tissue: Tissue, tuned: NeedleTissueModel) -> dict[str, NeedleInsert
     return {
         "Table I": Insertion(tissue, NeedleTissueModel.paper()),
         "tuned": Insertion(tissue, tuned),
-        **{name: NeedleInsertion(registry.make(name, tissue)) for name in others},
+        **{name: NeedleInsertion(make(name, tissue)) for name in others},
     }
 
 
 def _labelled(tissue: Tissue, tissues: TissueMap) -> dict[str, NeedleInsertion]:
     """The models that know labels, besides the one that has the reference's own load."""
     others = [name for name in registry.able("labels") if name != "elastic"]
-    return {name: NeedleInsertion(registry.make(name, tissue, tissues)) for name in others}
+    return {name: NeedleInsertion(make(name, tissue, tissues)) for name in others}
 
 
 def _live(insertion: NeedleInsertion, needles: list[Needle], steps: int) -> list[Array]:

@@ -2,8 +2,5 @@ from .insertion import ElasticInsertion as ElasticInsertion
 from .model import ElasticModel as ElasticModel
 from .model import ElasticTissueState as ElasticTissueState
 from .solver import ElasticSolver as ElasticSolver
-from .solver_grid import solver_grid as solver_grid
 from .state import ElasticState as ElasticState
 from .state import NotConvergedError as NotConvergedError
-from .strain import Strain as Strain
-from .strain import largest_strain as largest_strain

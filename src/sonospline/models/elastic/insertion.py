@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...fields.grid_field import GridField
+from ...fields.strain import Strain, largest_strain
 from ...geometry.tissue import Tissue
 from ...mechanics.loads import Load
 from ...mechanics.material import Material
@@ -11,7 +12,6 @@ from ..insertion import NeedleInsertion
 from .model import ElasticModel, ElasticTissueState
 from .solver import SETTLED
 from .state import ElasticState
-from .strain import Strain, largest_strain
 
 
 class ElasticInsertion(NeedleInsertion):

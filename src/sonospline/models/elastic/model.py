@@ -11,24 +11,20 @@ from numpy.typing import NDArray
 
 from ... import _validate
 from ...fields.grid_field import GridField
+from ...fields.strain import largest_strain
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
-from ...mechanics.line_force import LineForce
+from ...mechanics.default_load import default_load
 from ...mechanics.loads import MILLI, Load
 from ...mechanics.material import Material
-from ...mechanics.tissue_force import TissueForce
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
 from ..option import Option
 from ..registry import ModelSpec
 from .solver import BUDGET, SETTLED, TOLERANCE, ElasticSolver
 from .state import ElasticState
-from .strain import largest_strain
 
 Single = NDArray[np.float32]
-
-_WIDTH = LineForce().width
-"""Of a needle's load, in sides of the tissue."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +49,7 @@ class ElasticModel(TissueModel):
     material : Material or TissueMap
         One stiffness everywhere, or labelled tissue.
     load : Load, optional
-        What a needle does; by default :func:`default_load`.
+        What a needle does; by default :func:`~sonospline.mechanics.default_load`.
     nodes : int, default: 15625
         Nodes of the solver's grid, about.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
@@ -162,24 +158,10 @@ class ElasticModel(TissueModel):
         return NeedleForce.along(needle.direction, total / MILLI)
 
 
-def default_load(tissue: Tissue, material: Material | TissueMap) -> Load:
-    """Return the load of a needle of which nothing is said.
-
-    In labelled tissue the friction and the cutting force of each; in uniform tissue those that
-    strain its box as :class:`~sonospline.mechanics.LineForce` strains the unit cube.
-    """
-    if isinstance(material, TissueMap):
-        return TissueForce(tissues=material, width=_WIDTH * tissue.grid.side)
-    return LineForce.for_cube(tissue.grid.side, material.stiffness_kpa)
-
-
 def _make(
     tissue: Tissue, materials: Material | TissueMap, *, solver_nodes: int, tolerance: float, budget: int
 ) -> ElasticModel:
-    load = None
-    if isinstance(materials, Material):
-        load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=_WIDTH * tissue.grid.side)
-    return ElasticModel(tissue, materials, load, nodes=solver_nodes, tolerance=tolerance, budget=budget)
+    return ElasticModel(tissue, materials, nodes=solver_nodes, tolerance=tolerance, budget=budget)
 
 
 SPEC = ModelSpec(

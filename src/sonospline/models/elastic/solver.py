@@ -13,16 +13,16 @@ from ... import _core, _memory, _validate
 from ...fields.grid_field import GridField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
+from ...geometry.solver_grid import solver_grid
 from ...geometry.tissue import Tissue
 from ...mechanics.loads import Load
 from ...mechanics.material import Material
 from ...mechanics.moduli import INTEGRATIONS, Moduli
+from ...mechanics.nodal_load import nodal_load
 from ...mechanics.shaft_displacement import ShaftDisplacement
 from ...mechanics.tissue_map import TissueMap
 from .error_safety import UNIFORM, error_safety
 from .hierarchy import coarse_inverse, levels, pinned_faces
-from .load_vector import nodal_load
-from .solver_grid import solver_grid
 from .state import ElasticState, NotConvergedError
 
 Array = NDArray[np.float64]

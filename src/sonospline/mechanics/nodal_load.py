@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import _core
-from ..._core.hexahedra import weigh_along
-from ...geometry.grid import Grid
-from ...geometry.needle import Needle
-from ...mechanics.loads import LineLoad, Load
+from .. import _core
+from .._core.hexahedra import weigh_along
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from .loads import LineLoad, Load
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import _validate
-from ...geometry.grid import Grid
+from .. import _validate
+from .grid import Grid
 
 FLATTEST = 10.0
 """Longest over shortest side of a box, at most."""
@@ -34,7 +34,7 @@ def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.models.elastic import solver_grid
+    >>> from sonospline.geometry import solver_grid
     >>> solver_grid(ss.Grid.unit_cube(53)).shape
     (25, 25, 25)
     >>> solver_grid(ss.Grid(shape=(60, 41, 31), spacing=2.0), nodes=30_000).shape

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...fields.grid_field import GridField
+from .grid_field import GridField
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def largest_strain(field: GridField) -> Strain:
     Examples
     --------
     >>> import numpy as np, sonospline as ss
-    >>> from sonospline.models.elastic import largest_strain
+    >>> from sonospline.fields import largest_strain
     >>> grid = ss.Grid.unit_cube(5)
     >>> stretched = ss.GridField(grid, 0.02 * grid.points.reshape(*grid.shape, 3))
     >>> round(largest_strain(stretched).largest, 4), largest_strain(stretched).small
