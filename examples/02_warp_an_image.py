@@ -3,7 +3,6 @@
 import numpy as np
 
 import sonospline as ss
-from sonospline.fields import ImageWarp
 from sonospline.geometry.layered_block import default_needle, layered_block
 
 volume = layered_block(seed=0)
@@ -12,8 +11,8 @@ grid = volume.grid(nodes=30_000)
 insertion = ss.Insertion(ss.Tissue(grid, entry_face=grid.nearest_face(path.entry)))
 field = insertion.advance(path)
 
-warped = ImageWarp.of(field).apply(volume)
-target_shift = float(np.linalg.norm(field.displacement(path.tip[None])))
+warped = ss.ImageWarp.of(field).apply(volume)
+target_shift = float(np.linalg.norm(field.displacement(path.tip)))
 
 if __name__ == "__main__":
     print(f"the needle reached {path.tip} mm; the target had moved {target_shift:.2f} mm ahead of it")

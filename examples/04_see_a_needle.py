@@ -3,19 +3,18 @@
 import numpy as np
 
 import sonospline as ss
-from sonospline.ultrasound import Probe, Scanner, kidney_phantom
 
-kidney = kidney_phantom(spacing_mm=1.0)
-scanner = Scanner(kidney.phantom, Probe.curvilinear(lines=128), kidney.probe_to_reference)
+kidney = ss.kidney_phantom(spacing_mm=1.0)
+scanner = ss.Scanner(kidney.phantom, ss.Probe.curvilinear(lines=128), kidney.probe_to_reference)
 insertion = ss.Insertion(ss.Tissue(kidney.grid(nodes=30_000), entry_face="z-"))
 field = insertion.advance(kidney.needle)
 
 before = scanner.render()
 after = scanner.render(field, kidney.needle)
-calyx_shift = float(np.linalg.norm(field.displacement(kidney.needle.tip[None])))
+calyx_shift = float(np.linalg.norm(field.displacement(kidney.needle.tip)))
 
 if __name__ == "__main__":
-    before.frame.save("before.png")
-    after.frame.save("after.png")
-    changed = np.mean(before.frame.pixels != after.frame.pixels)
+    before.save("before.png")
+    after.save("after.png")
+    changed = np.mean(before.pixels != after.pixels)
     print(f"the calyx moved {calyx_shift:.2f} mm; {100 * changed:.0f} % of the picture changed: before.png, after.png")

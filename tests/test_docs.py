@@ -1,0 +1,102 @@
+"""Every program in the README and in the pages of documentation runs, on small files made for it."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+
+ROOT = Path(__file__).parents[1]
+PAGES = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PROGRAMS = {name: BLOCK.findall(path.read_text()) for name, path in PAGES.items()}
+NEEDS = {
+    "README.md": ("SimpleITK", "h5py", "matplotlib"),
+    "start.md": ("SimpleITK", "h5py", "matplotlib"),
+    "elastic.md": ("SimpleITK",),
+    "ultrasound.md": ("SimpleITK",),
+    "frames.md": ("SimpleITK",),
+    "fem.md": ("skfem", "pyamg"),
+}
+NAMES = "label,name\n1,skin\n2,liver\n3,tumour\n"
+
+
+def write_files(folder):
+    """Every file that a program reads: a block of 98 mm of skin (at y = 98), liver and tumour, and a CT of it."""
+    voxels = np.full((50, 50, 50), 2, np.uint8)
+    voxels[:, -2:] = 1
+    voxels[20:30, 15:22, 20:30] = 3
+    labels = ss.Volume(voxels=voxels, spacing=(2, 2, 2))
+    for name in ("organs", "abdomen_labels"):
+        ss.write_volume(labels, folder / f"{name}.nii.gz")
+        (folder / f"{name}.csv").write_text(NAMES)
+    ss.write_volume(ss.Volume(voxels=np.int16(40 * voxels), spacing=(2, 2, 2)), folder / "ct.nii.gz")
+    (folder / "mine.toml").write_text("[liver]\nstiffness_kpa = 6.5\n")
+    (folder / "out").mkdir()
+    values = np.zeros((3, 3, 3, 3))
+    ss.GridField(ss.Grid(shape=(3, 3, 3), spacing=50), values).save(folder / "out" / "displacement.h5")
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def run(page):
+    """Run a page's programs one after the other, as its reader would; return the names they leave."""
+    names = {"__name__": "page", **READER.get(page, {})}
+    for number, program in enumerate(PROGRAMS[page]):
+        exec(compile(program, f"{page}, program {number + 1}", "exec"), names)
+    return SimpleNamespace(**names)
+
+
+READER = {
+    "simulator.md": {
+        **dict.fromkeys(("draw", "record", "show", "warn"), lambda *_: None),
+        "page_is_ready": lambda: True,
+    }
+}
+"""What the text around a program says is the reader's own."""
+
+
+def test_the_pages_have_programs():
+    assert {"README.md", *NEEDS} <= {name for name, programs in PROGRAMS.items() if programs}
+
+
+@pytest.mark.parametrize("page", [name for name, programs in PROGRAMS.items() if programs])
+def test_every_program_runs(page, files):
+    for module in NEEDS.get(page, ()):
+        pytest.importorskip(module, reason="needs an extra")
+    if {"SimpleITK", "h5py"} & set(NEEDS.get(page, ())):
+        write_files(files)
+    left = run(page)
+    check = CHECKS.get(page)
+    if check is not None:
+        check(left, files)
+
+
+def the_readme(left, files):
+    assert left.r.forces["needle"].axial_n == pytest.approx(0.03 * 55 + 0.7, rel=0.1)
+    assert 0.5 < left.r.field.displacement((62, 74, 50)) @ left.needle.direction < 5
+    assert left.r.settled
+    assert {"slice.png", "u.h5", "ultrasound.png"} <= {path.name for path in files.iterdir()}
+    lines = [line for line in PROGRAMS["README.md"][0].splitlines() if line and not line.startswith("#")]
+    assert len(lines) <= 12
+
+
+def the_start(left, files):
+    assert left.field.on_grid().shape == (53, 53, 53, 3)
+    assert (files / "u.h5").exists()
+
+
+def the_ultrasound(left, files):
+    assert left.image.pixels.std() > 20
+    assert {"after.png", "scene.seg.nrrd", "tissues.csv"} <= {path.name for path in files.iterdir()}
+
+
+CHECKS = {"README.md": the_readme, "start.md": the_start, "ultrasound.md": the_ultrasound}
