@@ -9,8 +9,10 @@ Pushes, probe moves, knobs, freezes, model switches, undo and reset at 30 comman
 import argparse
 import json
 import sys
+from pathlib import Path
 
-from sonospline.study.soak import soak
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from soak import soak
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("--minutes", type=float, default=10.0)

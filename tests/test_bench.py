@@ -7,10 +7,7 @@ import pytest
 
 from builds import needs_core
 from sonospline import _core, cli
-from sonospline.study import contenders, machine
-from sonospline.study import speed_claims as claims
-from sonospline.study import speed_report as report
-from sonospline.study import stopwatch as timing
+from sonospline.study import claims, contenders, machine, timing
 from sonospline.study.problem import Problem
 
 
@@ -66,11 +63,11 @@ def results_with(**figures):
 
 @pytest.mark.parametrize(("ratio", "kept"), [(159.0, False), (160.0, True)])
 def test_a_claim_is_judged_by_its_figure(ratio, kept):
-    verdicts = {row["claim"]: row for row in claims.judge(results_with(scipy=ratio))}
+    verdicts = {row["claim"]: row for row in claims.of_the_race(results_with(scipy=ratio))}
     assert verdicts["step at 53^3, n = 300: times faster than SciPy"]["kept"] is kept
     assert verdicts["step at 53^3, n = 300, in ms"]["kept"] is True
     assert verdicts["step at 53^3, n = 300: times faster than KeOps float32 with LAPACK fit"]["kept"] is None
-    shown = report.claims(list(verdicts.values()))
+    shown = claims.table_of_promises(list(verdicts.values()))
     assert ("MISSED" in shown) is not kept
     assert "not measured" in shown
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sonospline import cli
-from sonospline.study import claims, report, study, timing
+from sonospline.study import claims, report, step_times, study
 from sonospline.study.insertions import held_out_insertions
 from sonospline.study.models_compared import Scope
 from sonospline.study.notebook import Notebook
@@ -79,7 +79,7 @@ def test_references_are_the_same_bits_however_many_are_solved_at_once(tmp_path, 
 def test_a_finished_study_is_read_not_computed(finished, monkeypatch):
     folder, results = finished
     computed = []
-    monkeypatch.setattr(timing, "measure", lambda *_: pytest.fail("timed again"))
+    monkeypatch.setattr(step_times, "measure", lambda *_: pytest.fail("timed again"))
     assert study.run_study(TINY, Notebook(folder, computed.append)) == results
     assert computed == []
 
@@ -167,7 +167,7 @@ def test_reproduce_writes_report_and_figures_and_keeps_parts_of_a_stopped_run(tm
     stopped = ["reproduce", "--quick", "--quiet", "--out", str(out)]
     shutil.copytree(parts, out / "parts", ignore=shutil.ignore_patterns("times_9.json", "errors_9_H8.json"))
     with monkeypatch.context() as broken:
-        broken.setattr(timing, "measure", lambda *_: (_ for _ in ()).throw(RuntimeError("stopped here")))
+        broken.setattr(step_times, "measure", lambda *_: (_ for _ in ()).throw(RuntimeError("stopped here")))
         assert cli.main(stopped) == 1
     assert "stopped here" in capsys.readouterr().err
     assert (out / "parts" / "errors_9_H8.json").exists()

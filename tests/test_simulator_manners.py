@@ -185,7 +185,7 @@ def test_an_idle_session_is_closed():
 @pytest.mark.slow
 def test_rough_use_leaves_the_server_well(tmp_path):
     """Seconds of what benchmarks/ten_minutes_of_use_leave_memory_flat.py does for ten minutes."""
-    from sonospline.study.soak import soak
+    from soak import soak
 
     scene = tmp_path / "small.toml"
     scene.write_text(SMALL_PAPER)

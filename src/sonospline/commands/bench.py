@@ -11,9 +11,7 @@ from .. import _core
 from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
-from ..study import live, machine, suite
-from ..study import speed_claims as claims
-from ..study import speed_report as report
+from ..study import claims, live, machine, race_report, suite
 from . import _limits
 from ._progress import say
 
@@ -59,10 +57,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         before = machine.processor_ticks()
         results = {"machine": machine.describe(processors), **measure(args.rounds, say(quiet=args.quiet))}
         results["machine"]["withheld"] = machine.withheld_since(before)
-        results["claims"] = [] if args.quick else claims.judge(results)
+        results["claims"] = [] if args.quick else claims.of_the_race(results)
         write_json(folder / "bench.json", results)
-        write_text(folder / "bench.md", report.tables(results))
-        attempt(lambda: report.draw_cost(results, folder / "cost.png"))
+        write_text(folder / "bench.md", race_report.tables(results))
+        attempt(lambda: race_report.draw_cost(results, folder / "cost.png"))
     return results
 
 
@@ -70,7 +68,7 @@ def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what a person wants to see first."""
     if args.live:
         return f"{live.report(results)}\n\neverything: {args.out / 'live.json'}"
-    shown = report.claims(results["claims"]) if results["claims"] else report.tables(results)
+    shown = claims.table_of_promises(results["claims"]) if results["claims"] else race_report.tables(results)
     return f"{shown}\n\neverything: {args.out / 'bench.md'}, its picture: {args.out / 'cost.png'}"
 
 

@@ -15,14 +15,11 @@ from typing import Any
 import numpy as np
 
 from .._extras import require
+from .._markdown import table_of
 from ..server import wire
+from . import claims
 from .browser import NoBrowserError, pose_to_drawn_ms
-from .markdown import table
 
-SERVER_MS, P95_MS = 20.0, 50.0
-"""What a pose may take on the server until its frame is encoded: median, and 95th percentile."""
-DRAWN_MS, DRAWN_P95_MS = 50.0, 100.0
-"""What it may take until its frame is drawn in a browser."""
 _RATE_HZ = 60.0
 _SPEED_MM_S = 20.0
 _WARM_UP_S = 1.0
@@ -66,40 +63,26 @@ def measure(scene: str, seconds: float) -> dict[str, Any]:
     if not page.columns:
         raise RuntimeError(f"no frame showed a new pose within {seconds:g} s; measure for longer")
     rows = {name: _row(values) for name, values in page.columns.items()}
-    server = rows["server_ms"]
-    claims = [
-        _claim("pose to encoded frame, median, ms", SERVER_MS, server["median"]),
-        _claim("pose to encoded frame, 95th percentile, ms", P95_MS, server["p95"]),
-        _claim("frames out of order", 0, page.out_of_order),
-    ]
     not_measured = None
     try:
         with serving(scene) as (address, _):
-            drawn = rows["pose_to_drawn_ms"] = _row(pose_to_drawn_ms(address, seconds))
-        claims += [
-            _claim("pose to frame drawn in a browser, median, ms", DRAWN_MS, drawn["median"]),
-            _claim("pose to frame drawn in a browser, 95th percentile, ms", DRAWN_P95_MS, drawn["p95"]),
-        ]
+            rows["pose_to_drawn_ms"] = _row(pose_to_drawn_ms(address, seconds))
     except NoBrowserError as error:
         not_measured = f"pose to frame drawn: {error}"
     return {
         "scene": scene, "model": model, "seconds": seconds, "frames": page.frames,
         "frames_a_second": page.frames / seconds, "out_of_order": page.out_of_order, "latency": rows,
-        "claims": claims, "not_measured": not_measured,
+        "claims": claims.of_the_simulator(rows, page.out_of_order), "not_measured": not_measured,
     }  # fmt: skip
 
 
 def report(results: dict[str, Any]) -> str:
     """Return the results as Markdown."""
-    rows = [
-        (name.replace("_", " "), f"{row['median']:.1f}", f"{row['p95']:.1f}", row["frames"])
-        for name, row in results["latency"].items()
-    ]
-    claims = [(c["claim"], c["promise"], f"{c['figure']:.1f}", "yes" if c["kept"] else "no") for c in results["claims"]]
+    latency = [row | {"name": name.replace("_", " ")} for name, row in results["latency"].items()]
     parts = [
         f"{results['scene']}, {results['model']}: {results['frames']} frames in {results['seconds']:g} s",
-        table(("", "median", "95 %", "frames"), rows),
-        table(("claim", "at most", "figure", "kept"), claims),
+        table_of(latency, " | median | 95 % | frames", "{name} | {median:.1f} | {p95:.1f} | {frames}"),
+        claims.table_of_promises(results["claims"]),
     ]
     if results["not_measured"]:
         parts.append(f"Not measured: {results['not_measured']}")
@@ -110,10 +93,6 @@ def _row(values: list[float]) -> dict[str, Any]:
     if not values:
         raise RuntimeError("no pose was drawn in the browser; measure for longer")
     return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95)), "frames": len(values)}
-
-
-def _claim(text: str, promise: float, figure: float) -> dict[str, Any]:
-    return {"claim": text, "promise": promise, "figure": figure, "kept": figure <= promise}
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from ..models.maker import make
 from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
 from .held_shaft import held_shaft
-from .insertions import PlannedInsertion, tuning_insertions
+from .insertions import PlannedInsertion, equal_steps, tuning_insertions
 from .metrics import displacement_errors
 
 Array = NDArray[np.float64]
@@ -157,8 +157,7 @@ def _held_without_labels(scope: Scope, plan: PlannedInsertion, tuned: NeedleTiss
 
 
 def _needles(scope: Scope, plan: PlannedInsertion) -> list[Needle]:
-    whole = plan.on(scope.display)
-    return [Needle(whole.entry, whole.at((k + 1) / scope.depths)) for k in range(scope.depths)]
+    return equal_steps(plan.on(scope.display), scope.depths)
 
 
 def model_titles() -> dict[str, str]:

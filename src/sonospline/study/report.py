@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
+from .._markdown import table
 from ..models.spline.interaction import NeedleTissueModel
-from .claims import compare
-from .markdown import table
+from . import claims
 from .objective import TUNABLES
 from .report_models import compared_models
 from .study import mean_rows
@@ -20,6 +20,8 @@ BASELINES = {
     "multigrid": "assembled once, multigrid hierarchy kept, a new solve a step",
     "direct": "factored once, a back-substitution a step",
 }
+LABELS = {"paper": "Table I", "tuned": "ours"}
+"""Of the spline's parameters."""
 BASELINE_NAMES = ("from scratch", "multigrid kept", "factor kept")
 
 
@@ -63,7 +65,7 @@ def _head(results: Row, about: Row) -> Iterable[str]:
         f"{machine['platform']}, Python {machine['python']}; {versions}."
     )
     yield "## Claims"
-    yield table(("claim", "the paper", "here", "what explains the difference"), compare(results))
+    yield table(("claim", "the paper", "here", "what explains the difference"), claims.of_the_paper(results))
 
 
 def _table_1(results: Row) -> Iterable[str]:
@@ -78,11 +80,11 @@ def _table_1(results: Row) -> Iterable[str]:
         for t in TUNABLES
     ]
     yield table(("symbol", "parameter", "Table I", "ours", "difference"), rows)
-    cells = []
-    for model, label in (("paper", "Table I"), ("tuned", "ours")):
-        for group, which in (("tuning", "tuned on"), ("held_out", "held out")):
-            mean = results["target"][model][group]["mean"]
-            cells.append((label, which, *_errors_of(mean)))
+    cells = [
+        (label, which, *_errors_of(results["target"][model][group]["mean"]))
+        for model, label in LABELS.items()
+        for group, which in (("tuning", "tuned on"), ("held_out", "held out"))
+    ]
     nothing = results["target"]["tuned"]["held_out"]["mean"]
     cells.append(
         ("doing nothing", "held out", f"{nothing['zero_mae']:.2e}", f"{nothing['zero_rmse']:.2e}", "1.000", "")
@@ -149,12 +151,7 @@ def _errors(results: Row) -> Iterable[str]:
     yield table(
         ("parameters", "mesh", "depth", "MAE", "RMSE", "MAE / mean u", "at the tip"),
         [
-            (
-                "ours" if row["model"] == "tuned" else "Table I",
-                f"{row['side']}^3",
-                f"{row['depth']:.0%}",
-                *_errors_of(row),
-            )
+            (LABELS[row["model"]], f"{row['side']}^3", f"{row['depth']:.0%}", *_errors_of(row))
             for row in rows
             if row["depth"] in shown
         ],
@@ -187,21 +184,14 @@ def _readings(rows: list[Row]) -> Iterable[str]:
     )
     yield table(
         ("varied", "reading", "accumulation", "max u", "MAE", "RMSE", "MAE / mean u"),
-        [
-            (row["group"], row["name"], row["accumulation"], f"no field: {row['failure']}", "", "", "")
-            if row["mae"] is None
-            else (
-                row["group"],
-                row["name"],
-                row["accumulation"],
-                f"{row['largest_displacement']:.3g}",
-                f"{row['mae']:.2e}",
-                f"{row['rmse']:.2e}",
-                f"{row['relative']:.2f}",
-            )
-            for row in rows
-        ],
+        [(row["group"], row["name"], row["accumulation"], *_errors_of_reading(row)) for row in rows],
     )
+
+
+def _errors_of_reading(row: Row) -> tuple[str, str, str, str]:
+    if row["mae"] is None:
+        return f"no field: {row['failure']}", "", "", ""
+    return f"{row['largest_displacement']:.3g}", f"{row['mae']:.2e}", f"{row['rmse']:.2e}", f"{row['relative']:.2f}"
 
 
 def _errors_of(row: Row) -> tuple[str, str, str, str]:

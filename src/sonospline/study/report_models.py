@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .markdown import table
+from .._markdown import table
 from .models_compared import model_titles
 from .study import mean_rows
 

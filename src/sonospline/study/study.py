@@ -17,7 +17,7 @@ from ..geometry.grid import Grid
 from ..geometry.tissue import Tissue
 from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
-from . import timing
+from . import step_times
 from .insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from .metrics import Errors
 from .models_compared import Scope, compare_friction, compare_held, held_factors
@@ -104,8 +104,8 @@ def run_study(plan: Plan, notebook: Notebook) -> Row:
         "times": [
             notebook.part(
                 f"times_{side}",
-                {"side": side, "engines": plan.timed, "models": timing.MODELS},
-                lambda side=side: timing.measure(side, plan.timed),  # type: ignore[misc]
+                {"side": side, "engines": plan.timed, "models": step_times.MODELS},
+                lambda side=side: step_times.measure(side, plan.timed),  # type: ignore[misc]
             )
             for side in plan.sides
         ],

@@ -20,8 +20,9 @@ from ..models.spline.landmarks import select_anchors
 from ..models.spline.spline import PolyharmonicSpline
 from . import machine
 from .contenders import OURS, PEERS, Contender, dense_fit
+from .insertions import equal_steps
 from .problem import Problem
-from .stopwatch import REST_S, Times, elapsed_ms, once, race, several
+from .timing import REST_S, Times, elapsed_ms, once, race, several, steps_ms
 
 Row = dict[str, Any]
 Tell = Callable[[str], None]
@@ -82,8 +83,7 @@ class Stepper:
     STEPS = 20
 
     def __init__(self, side: int, count: int) -> None:
-        entry, target = np.array([0, 0.5, 0.5]), np.array([0.9, 0.55, 0.5])
-        self._needles = [Needle(entry, entry + k / self.STEPS * (target - entry)) for k in range(1, self.STEPS + 1)]
+        self._needles = equal_steps(Needle((0, 0.5, 0.5), (0.9, 0.55, 0.5)), self.STEPS)
         self._insertion = _insertion_with(Tissue(Grid.unit_cube(side)), self._needles[-1], count)
         field = self._insertion.advance(self._needles[-1])
         assert isinstance(field, KernelField)
@@ -96,11 +96,7 @@ class Stepper:
 
     def step_ms(self) -> list[float]:
         """Milliseconds of each step of a whole insertion: select, append, solve, all nodes."""
-        self._insertion.reset()
-        return [elapsed_ms(partial(self._step, needle)) for needle in self._needles]
-
-    def _step(self, needle: Needle) -> None:
-        self._insertion.advance(needle).on_grid()
+        return steps_ms(self._insertion, self._needles)
 
 
 def _insertion_with(tissue: Tissue, needle: Needle, count: int) -> Insertion:
@@ -167,12 +163,10 @@ def insertion_step(rounds: int, tell: Tell, side: int = 53) -> list[Row]:
     for anchors in choices:
         tell(f"insertion: {side}^3, anchors = {anchors}")
         insertion = Insertion(Tissue(Grid.unit_cube(side)), anchors=anchors)
-        entry, target = np.array([0, 0.5, 0.5]), np.array([0.6, 0.55, 0.5])
-        needles = [Needle(entry, entry + k / 20 * (target - entry)) for k in range(1, 21)]
+        needles = equal_steps(Needle((0, 0.5, 0.5), (0.6, 0.55, 0.5)), 20)
         spent: list[float] = []
         for _ in range(rounds):
-            insertion.reset()
-            times = [elapsed_ms(partial(_advance_and_evaluate, insertion, needle)) for needle in needles]
+            times = steps_ms(insertion, needles)
             spent += times[-5:]
         pinned = insertion.tissue.grid.points[insertion.tissue.pinned.ravel()]
         drift = float(np.abs(insertion.field.displacement(pinned)).max())
@@ -181,10 +175,6 @@ def insertion_step(rounds: int, tell: Tell, side: int = 53) -> list[Row]:
             | {"step": Times(tuple(spent)).as_dict(), "first_step_ms": times[0]}
         )
     return rows
-
-
-def _advance_and_evaluate(insertion: Insertion, needle: Needle) -> None:
-    insertion.advance(needle).on_grid()
 
 
 def multilevel_against_direct(cases: Sequence[tuple[int, int]], rounds: int, tell: Tell) -> list[Row]:

@@ -1,128 +1,90 @@
-"""Time per step of finite elements, three ways, and of the models: one run, one thread each.
-
-Run as a program it prints JSON; :func:`measure` does so in a fresh process, because the
-threads of BLAS and of the direct solver are fixed when they are first loaded.
-"""
+"""Fair timing: contenders take turns, and a ratio is the median of the ratios of each turn."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
+import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from ..fem import FiniteElementModel
-from ..geometry.grid import Grid
 from ..geometry.needle import Needle
-from ..geometry.tissue import Tissue
-from ..mechanics import labelled_cube
-from ..mechanics.line_force import LineForce
-from ..models.elastic import ElasticInsertion
 from ..models.insertion import NeedleInsertion
-from ..models.kelvinlet import KelvinletInsertion
-from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel
-from .insertions import held_out_insertions
 
-Row = dict[str, Any]
-
-STEPS = 20
-MODELS = ("ours", "kelvinlet", "elastic", "elastic_fine")
-"""The paper's spline, the Kelvinlet, and finite elements: on 25^3 nodes up-sampled, and on about the nodes shown."""
-
-_LIVE_NODES = 25**3
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "SONOSPLINE_THREADS"), "1")
-_TURNS = 3
-"""So many of the last steps are timed; one before them makes what is kept."""
-_LARGE = 20_000
-"""Nodes beyond which a step from scratch, hundreds of iterations over seconds, is timed once."""
-_TOLERANCE = 1e-8
-"""Of conjugate gradients."""
+REST_S = 0.2
+"""Pause before each measurement: the thread pools of other libraries spin for up to 0.1 s after their work."""
 
 
-def measure(side: int, engines: dict[str, str]) -> Row:
-    """Return the medians for a cube of ``side`` nodes a side, from a process of its own with one thread.
+@dataclass(frozen=True)
+class Times:
+    """Milliseconds of each round."""
 
-    Parameters
-    ----------
-    side : int
-        Nodes a side.
-    engines : dict of str to str
-        The engine of :class:`FiniteElementModel` for each of its solvers that is to be timed.
+    rounds: tuple[float, ...]
 
-    Raises
-    ------
-    RuntimeError
-        That process failed; the last line it said is quoted.
-    """
-    command = [sys.executable, "-m", __name__, str(side), json.dumps(engines)]
-    done = subprocess.run(command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=False)
-    if done.returncode:
-        said = done.stderr.strip().splitlines() or ["nothing"]
-        raise RuntimeError(f"timing {side}^3 failed: {said[-1]}")
-    row: Row = json.loads(done.stdout)
-    return row
+    @property
+    def median(self) -> float:
+        return float(np.median(self.rounds))
 
+    def as_dict(self) -> dict[str, float | int]:
+        return {
+            "median_ms": self.median,
+            "min_ms": min(self.rounds),
+            "max_ms": max(self.rounds),
+            "rounds": len(self.rounds),
+        }
 
-def timed(side: int, engines: dict[str, str]) -> Row:
-    """Return the medians, in milliseconds, of this process."""
-    tissue = Tissue(Grid.unit_cube(side))
-    whole = held_out_insertions()[1].on(tissue)
-    needles = [Needle(whole.entry, whole.at(k / STEPS)) for k in range(1, STEPS + 1)]
-    row: Row = {"side": side, "nodes": tissue.grid.node_count, "engines": engines} | _models(tissue, needles)
-    for solver, engine in engines.items():
-        model = FiniteElementModel(tissue, engine=engine, solver=solver, tolerance=_TOLERANCE)
-        if solver != "from_scratch":
-            row[f"{solver}_first_ms"] = _finite_element_ms(model, needles[-_TURNS - 1])
-        turns = 1 if solver == "from_scratch" and tissue.grid.node_count > _LARGE else _TURNS
-        row[f"{solver}_ms"] = float(np.median([_finite_element_ms(model, needle) for needle in needles[-turns:]]))
-    return row
+    def ratio_to(self, other: Times) -> float:
+        """How many times longer this took: the median over rounds, pair by pair."""
+        return float(np.median([a / b for a, b in zip(self.rounds, other.rounds, strict=True)]))
 
 
-def _models(tissue: Tissue, needles: list[Needle]) -> Row:
-    """A step of each model, all nodes evaluated: the median of the last half of the steps of three insertions."""
-    spline = Insertion(tissue, NeedleTissueModel.paper())
-    body, load = labelled_cube("body"), LineForce()
-    fine = ElasticInsertion(tissue, body, load, nodes=tissue.grid.node_count)
-    drag = KelvinletInsertion(tissue)  # keeps nothing from step to step
-    insertions: dict[str, NeedleInsertion] = {
-        "ours": spline,
-        "elastic": ElasticInsertion(tissue, body, load, nodes=_LIVE_NODES),
-        "elastic_fine": fine,
-    }
-    spent: dict[str, list[float]] = {name: [] for name in insertions}
-    for _ in range(3):
-        for name, insertion in insertions.items():
-            insertion.reset()
-            spent[name] += [_elapsed_ms(partial(_step, insertion, needle)) for needle in needles][STEPS // 2 :]
-    spent["kelvinlet"] = [_elapsed_ms(partial(_step, drag, needle)) for needle in needles[-_TURNS:]]
-    return {f"{name}_ms": float(np.median(times)) for name, times in spent.items()} | {
-        "ours_range_ms": [min(spent["ours"]), max(spent["ours"])],
-        "landmarks": spline.landmark_count + len(spline.anchors),
-        "elastic_fine_nodes": fine.solver.grid.node_count,
-    }
+def elapsed_ms(function: Callable[[], object]) -> float:
+    """Return the milliseconds of one call."""
+    start = time.perf_counter()
+    function()
+    return 1e3 * (time.perf_counter() - start)
+
+
+def steps_ms(insertion: NeedleInsertion, needles: Sequence[Needle]) -> list[float]:
+    """Return the milliseconds of each step of a new insertion, all nodes of the grid evaluated."""
+    insertion.reset()
+    return [elapsed_ms(partial(_step, insertion, needle)) for needle in needles]
 
 
 def _step(insertion: NeedleInsertion, needle: Needle) -> None:
     insertion.advance(needle).on_grid()
 
 
-def _finite_element_ms(model: FiniteElementModel, needle: Needle) -> float:
-    model.solve(LineForce(), needle)
-    return 1e3 * model.times[-1].total_s
+def once(function: Callable[[], object]) -> float:
+    """Return the milliseconds of one call, after a rest."""
+    time.sleep(REST_S)
+    return elapsed_ms(function)
 
 
-def _elapsed_ms(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return 1e3 * (time.perf_counter() - start)
+def several(function: Callable[[], object], budget_ms: float = 60.0, least: int = 3, most: int = 25) -> float:
+    """Return the median milliseconds of several calls in a row: a short one is not measured alone."""
+    spent: list[float] = []
+    time.sleep(REST_S)
+    while len(spent) < least or (sum(spent) < budget_ms and len(spent) < most):
+        spent.append(elapsed_ms(function))
+        if sum(spent) > 1500:  # long ones are steady enough
+            break
+    return float(np.median(spent))
 
 
-if __name__ == "__main__":
-    json.dump(timed(int(sys.argv[1]), json.loads(sys.argv[2])), sys.stdout)
+def race(ways: dict[str, Callable[[], object]], rounds: int) -> dict[str, Times]:
+    """Time every way in turn, ``rounds`` times, after one round that does not count."""
+    measured: dict[str, list[float]] = {name: [] for name in ways}
+    gc.collect()
+    gc.disable()
+    try:
+        for way in ways.values():
+            way()
+        for _ in range(rounds):
+            for name, way in ways.items():
+                measured[name].append(several(way))
+    finally:
+        gc.enable()
+    return {name: Times(tuple(values)) for name, values in measured.items()}

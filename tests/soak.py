@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from .._extras import require
-from ..server import wire
-from .live import first_scene, serving, socket_of
+from sonospline._extras import require
+from sonospline.server import wire
+from sonospline.study.live import first_scene, serving, socket_of
 
 WARM_UP_SHARE = 0.2
 """Of the time: caches fill and every model is made once."""
