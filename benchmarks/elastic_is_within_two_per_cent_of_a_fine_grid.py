@@ -1,6 +1,6 @@
 """One iteration a frame on 25^3 and 49^3 nodes, cubic to 49^3, against converged fields on 97^3 nodes.
 
-Claims, for five held-out insertions of 60 frames: over mean |u| at most 0.02 in the simple scenes and
+Claims, for five held-out insertions of 60 frames: over mean |u| at most 0.02 in the simple cubes and
 0.035 in the body, at the tip over max |u| at most 0.04, on 25^3 nodes; 0.01 and 0.02 on 49^3
 nodes. After the needle is then withdrawn to half its depth at once, the error of the iteration is
 at most 0.05 within three iterations. The published error is within a factor of three of the true

@@ -61,9 +61,7 @@ def shifted(tissues, axis, sign):
     return TissueMap(Volume(voxels=labels.voxels, spacing=labels.spacing, origin=origin), tissues.materials)
 
 
-print(
-    f"{'scene':12s} {'off 10 %':>9s} {'off 30 %':>9s} {'shifted':>9s} {'one E':>9s} {'solver':>9s}   30 % over solver"
-)
+print(f"{'cube':12s} {'off 10 %':>9s} {'off 30 %':>9s} {'shifted':>9s} {'one E':>9s} {'solver':>9s}   30 % over solver")
 for name in LABELLED_CUBES:
     tissues = labelled_cube(name)
     truth = converged(tissues)

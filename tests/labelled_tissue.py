@@ -1,4 +1,4 @@
-"""The generated scenes in the elastic solver, and the same cells in the reference finite elements."""
+"""The labelled cubes in the elastic solver, and the same cells in the reference finite elements."""
 
 import numpy as np
 

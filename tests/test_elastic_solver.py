@@ -68,7 +68,7 @@ def test_another_face_is_free_and_the_box_any(face, a_rotation):
 
 @pytest.mark.parametrize("name", LABELLED_CUBES)
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
-def test_every_scene_converges_to_the_field_of_scikit_fem(name, ratio):
+def test_every_cube_converges_to_the_field_of_scikit_fem(name, ratio):
     pytest.importorskip("skfem")
     assert away_from_reference(labelled_cube(name, voxels=48, poissons_ratio=ratio), 9, solver="direct") < 3e-4
 
@@ -76,7 +76,7 @@ def test_every_scene_converges_to_the_field_of_scikit_fem(name, ratio):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LABELLED_CUBES)
 @pytest.mark.parametrize("ratio", [0.30, 0.45, 0.49])
-def test_every_scene_converges_to_the_field_of_scikit_fem_on_a_finer_grid(name, ratio):
+def test_every_cube_converges_to_the_field_of_scikit_fem_on_a_finer_grid(name, ratio):
     pytest.importorskip("skfem")
     assert away_from_reference(labelled_cube(name, poissons_ratio=ratio), 17, solver="direct") < 3e-4
 

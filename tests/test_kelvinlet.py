@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.fem.held_shaft import held_shaft
 from sonospline.mechanics import LineForce, Material, ShaftDisplacement
 from sonospline.models.elastic import ElasticSolver
-from sonospline.study.held_shaft import held_shaft
 from sonospline.study.insertions import held_out_insertions
 from sonospline.study.metrics import displacement_errors
 from sonospline.study.objective import model_of

@@ -1,4 +1,4 @@
-"""What the comparison of the three models rests on: the held shaft, tissue by tissue, and frames that add up."""
+"""What the comparison of the three models rests on: the held shaft, tissue by tissue, and steps that add up."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ import pytest
 import sonospline as ss
 from elastic_problems import largest_difference
 from sonospline.fem import FiniteElementModel
+from sonospline.fem.held_shaft import held_shaft
 from sonospline.mechanics import LABELLED_CUBES, LineForce, ShaftDisplacement, labelled_cube
 from sonospline.mechanics.labelled_cubes import TISSUES
 from sonospline.models.elastic import ElasticInsertion, ElasticSolver
 from sonospline.study import models_compared as models
-from sonospline.study.held_shaft import held_shaft
 from sonospline.study.insertions import held_out_insertions
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
@@ -35,7 +35,7 @@ def test_a_shaft_between_the_nodes_is_refused():
         held_shaft(solver, ShaftDisplacement(radius=1e-3), ss.Needle((0, 0.44, 0.44), (0.6, 0.44, 0.44)))
 
 
-def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
+def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_steps():
     insertion = ElasticInsertion(cube(9), labelled_cube("layers", voxels=24), LineForce(), nodes=9**3)
     needles = [ss.Needle(NEEDLE.entry, NEEDLE.at(depth)) for depth in (0.5, 1.0)]
     fields = models._live(insertion, needles, steps=7)
@@ -46,7 +46,7 @@ def test_a_live_insertion_reaches_each_pose_in_its_share_of_the_frames():
         assert largest_difference(field, expected) < 0.1
 
 
-def test_every_scene_names_its_tissues():
+def test_every_cube_names_its_tissues():
     for name in LABELLED_CUBES:
         assert len(TISSUES[name]) == len(labelled_cube(name).materials)
 
@@ -60,7 +60,7 @@ def test_errors_by_tissue_are_of_that_tissue_alone():
 
 
 def test_the_kernels_own_factor_on_a_held_shaft_is_a_least_squares_one(monkeypatch):
-    scope = models.Scope(("H2",), fine=17, side=9, depths=1, steps=4, scenes=("homogeneous",))
+    scope = models.Scope(("H2",), fine=17, side=9, depths=1, steps=4, cubes=("homogeneous",))
     monkeypatch.setattr(models, "ShaftDisplacement", lambda: HELD)
     tuned = ss.NeedleTissueModel.tuned()
     factors = models.held_factors(scope, tuned)

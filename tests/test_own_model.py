@@ -115,16 +115,16 @@ def test_the_studys_tables_have_a_column_of_it(with_toy):
 import sonospline as ss
 from sonospline.study.insertions import held_out_insertions
 from sonospline.study.models_compared import Scope, compare_friction
-from sonospline.study.report_models import _by_scene
-scope = Scope(("H2",), fine=17, side=9, depths=1, steps=4, scenes=("homogeneous",))
+from sonospline.study.report_models import _by_cube
+scope = Scope(("H2",), fine=17, side=9, depths=1, steps=4, cubes=("homogeneous",))
 rows = compare_friction(scope, "homogeneous", held_out_insertions()[1], ss.NeedleTissueModel.tuned())["rows"]
-told = {"models": [row["model"] for row in rows], "table": _by_scene(rows, ["homogeneous"])}
+told = {"models": [row["model"] for row in rows], "table": _by_cube(rows, ["homogeneous"])}
 """,
     )
     assert "toy" in found["models"]
     header = found["table"].splitlines()[0]
     assert [cell.strip() for cell in header.strip("|").split("|")] == [
-        "scene", "paper, Table I", "paper, tuned on F", "kelvinlet", "toy", "elastic"
+        "cube", "paper, Table I", "paper, tuned on F", "kelvinlet", "toy", "elastic"
     ]  # fmt: skip
 
 

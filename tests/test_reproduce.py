@@ -26,7 +26,7 @@ TINY = study.Plan(
     population=4,
     generations=2,
     workers=1,
-    scope=Scope(("H3",), fine=33, side=17, depths=2, steps=20, scenes=("homogeneous", "layers")),
+    scope=Scope(("H3",), fine=33, side=17, depths=2, steps=20, cubes=("homogeneous", "layers")),
 )
 
 
@@ -84,17 +84,17 @@ def test_a_finished_study_is_read_not_computed(finished, monkeypatch):
     assert computed == []
 
 
-def test_the_three_models_are_compared_with_finite_elements_in_every_scene(finished):
+def test_the_three_models_are_compared_with_finite_elements_in_every_cube(finished):
     _, results = finished
-    friction = {(r["scene"], r["model"]): r for r in results["models"]["friction"] if r["depth"] == 1.0}
-    for scene in ("homogeneous", "layers"):
-        assert friction[scene, "elastic"]["relative"] < 0.05
-        assert friction[scene, "elastic"]["tip_share"] < 0.1
+    friction = {(r["cube"], r["model"]): r for r in results["models"]["friction"] if r["depth"] == 1.0}
+    for cube in ("homogeneous", "layers"):
+        assert friction[cube, "elastic"]["relative"] < 0.05
+        assert friction[cube, "elastic"]["tip_share"] < 0.1
     assert friction["homogeneous", "kelvinlet"]["relative"] < 0.2 < friction["homogeneous", "tuned"]["relative"]
     for ignorant in ("tuned", "kelvinlet", "one stiffness"):
         assert friction["layers", ignorant]["relative"] > 0.8
     assert set(friction["layers", "elastic"]["tissues"]) == {"first layer", "stiff layer, x 5", "last layer, x 2"}
-    held = {(r["scene"], r["model"]): r["relative"] for r in results["models"]["held"]}
+    held = {(r["cube"], r["model"]): r["relative"] for r in results["models"]["held"]}
     assert held["homogeneous", "kelvinlet"] < held["homogeneous", "tuned"] < 1
     assert held["layers", "one stiffness"] < held["layers", "tuned"]
     assert np.shape(results["models"]["maps"]["layers"]["elastic"]) == (17, 17)

@@ -173,7 +173,7 @@ def _speed(times: list[Row]) -> list[Claim]:
             f"{_against_ours(paper_mesh, 'elastic')} our spline's, and {paper_mesh['elastic_fine_ms']:.1f} ms on "
             f"{paper_mesh['elastic_fine_nodes']:,} nodes of its own, {_against_ours(paper_mesh, 'elastic_fine')}; "
             f"{paper_mesh['from_scratch_ms'] / paper_mesh['elastic_fine_ms']:,.0f} times faster than FEM from scratch",
-            "nothing is assembled, and each frame improves the last one's field by one multigrid iteration. The ratio "
+            "nothing is assembled, and each step starts from the last one's field: an iteration or two. The ratio "
             "in the first line is a property of the baseline, not of finite elements",
         ),
     ]

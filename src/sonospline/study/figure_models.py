@@ -20,12 +20,12 @@ _DECADES = 3
 
 
 def draw_maps(maps: dict[str, Row], path: Path) -> None:
-    """Write the errors in the middle plane, a column for each scene.
+    """Write the errors in the middle plane, a column for each cube.
 
     Parameters
     ----------
     maps : dict of str to dict
-        For each scene, (nx, nz) lists: ``reference`` displacement, the error of each model, ``labels``;
+        For each cube, (nx, nz) lists: ``reference`` displacement, the error of each model, ``labels``;
         and the ends of the ``needle`` in nodes.
     path : Path
         File to write.
@@ -35,7 +35,7 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
     with picture(path, 3.1 * len(maps) + 1.2, 2.9 * (1 + len(_SHOWN)), dpi=100) as figure:
         panels = figure.subplots(1 + len(_SHOWN), len(maps), squeeze=False)
         drawn = {}
-        for column, (scene, fields) in zip(panels.T, maps.items(), strict=True):
+        for column, (cube, fields) in zip(panels.T, maps.items(), strict=True):
             largest = np.max(fields["reference"])
             for panel, name in zip(column, ("reference", *_SHOWN), strict=True):
                 panel.set_xticks([])
@@ -53,7 +53,7 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
                 for label in np.unique(labels)[1:]:
                     panel.contour(labels == label, levels=[0.5], colors="white", linewidths=0.7)
             column[0].plot(*np.transpose(fields["needle"]), color=NEEDLE, lw=1.5)
-            column[0].set_title(scene)
+            column[0].set_title(cube)
         for row, name in zip(panels, ("reference", *_SHOWN), strict=True):
             label = "finite elements, |u|" if name == "reference" else f"error, {model_titles()[name]}"
             row[-1].annotate(label, (1.04, 0.5), xycoords="axes fraction", rotation=270, va="center", fontsize=9)
@@ -64,29 +64,29 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
 
 
 def draw_depths(rows: list[Row], path: Path) -> None:
-    """Write the relative errors against depth, a panel for each scene.
+    """Write the relative errors against depth, a panel for each cube.
 
     Parameters
     ----------
     rows : list of dict
-        ``scene``, ``model``, ``depth`` (fraction of the way) and ``relative``, for each insertion.
+        ``cube``, ``model``, ``depth`` (fraction of the way) and ``relative``, for each insertion.
     path : Path
         File to write.
     """
-    means = mean_rows(rows, "scene", "model", "depth")
-    scenes = list(dict.fromkeys(row["scene"] for row in means))
-    with picture(path, 3.1 * len(scenes), 4.0, dpi=100) as figure:
-        panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
-        for panel, scene in zip(panels, scenes, strict=True):
+    means = mean_rows(rows, "cube", "model", "depth")
+    cubes = list(dict.fromkeys(row["cube"] for row in means))
+    with picture(path, 3.1 * len(cubes), 4.0, dpi=100) as figure:
+        panels = figure.subplots(1, len(cubes), sharey=True, squeeze=False)[0]
+        for panel, cube in zip(panels, cubes, strict=True):
             for number, (model, label) in enumerate(model_titles().items()):
                 line = [
-                    (row["depth"], row["relative"]) for row in means if (row["scene"], row["model"]) == (scene, model)
+                    (row["depth"], row["relative"]) for row in means if (row["cube"], row["model"]) == (cube, model)
                 ]
                 if line:
                     style = {"marker": "o", "ms": 3, "lw": 2.2 if model == "elastic" else 1.3}
                     panel.semilogy(*zip(*line, strict=True), label=label, color=f"C{number}", **style)
             panel.axhline(1, color="0.4", ls=":", lw=1.2, label="doing nothing")
-            panel.set_title(scene)
+            panel.set_title(cube)
             panel.set_xlabel("depth (of the way)")
             panel.grid(alpha=0.3, which="both", lw=0.4)
         panels[0].set_ylabel("MAE / mean |u(FEM)|, load case F")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,18 +117,13 @@ def mean_errors(errors: Sequence[Errors]) -> Errors:
     """
     if not errors:
         raise ValueError("errors is empty; give those of at least one insertion")
-    tips = [one.at_tip for one in errors if one.at_tip is not None]
-    return Errors(
-        mae=_mean(one.mae for one in errors),
-        rmse=_mean(one.rmse for one in errors),
-        relative=_mean(one.relative for one in errors),
-        largest=max(one.largest for one in errors),
-        at_tip=_mean(tips) if len(tips) == len(errors) else None,
-        zero_mae=_mean(one.zero_mae for one in errors),
-        zero_rmse=_mean(one.zero_rmse for one in errors),
-        nodes=sum(one.nodes for one in errors),
-        threshold=max(one.threshold for one in errors),
-    )
+    columns: dict[str, Any] = {known.name: [getattr(one, known.name) for one in errors] for known in fields(Errors)}
+    summed: dict[str, Callable[[Any], Any]] = {"nodes": sum, "largest": max, "threshold": max}
+    means: dict[str, Any] = {
+        name: None if None in values else summed.get(name, _mean)(values)  # a tip is not always given
+        for name, values in columns.items()
+    }
+    return Errors(**means)
 
 
 def _vectors(name: str, value: ArrayLike) -> Array:
@@ -138,8 +134,8 @@ def _vectors(name: str, value: ArrayLike) -> Array:
     return array
 
 
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean(list(values)))
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
 
 
 def _root_mean_square(values: Array) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fem.held_shaft import held_shaft
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
@@ -24,7 +25,6 @@ from ..models.insertion import NeedleInsertion
 from ..models.maker import make
 from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import NeedleTissueModel
-from .held_shaft import held_shaft
 from .insertions import PlannedInsertion, equal_steps, tuning_insertions
 from .metrics import displacement_errors
 
@@ -50,7 +50,7 @@ class Scope:
     """Equal steps to the target at which errors are measured."""
     steps: int = 60
     """Of an elastic insertion."""
-    scenes: tuple[str, ...] = LABELLED_CUBES
+    cubes: tuple[str, ...] = LABELLED_CUBES
 
     @property
     def display(self) -> Tissue:
@@ -59,7 +59,7 @@ class Scope:
 
 
 def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: NeedleTissueModel) -> Row:
-    """Return the errors of every model in a scene, at each depth, on load case F.
+    """Return the errors of every model in a labelled cube, at each depth, on load case F.
 
     The reference is the live solver on a fine grid, converged. The kernels do not know the
     stiffness: they were tuned in homogeneous tissue on this load.
@@ -79,9 +79,8 @@ def compare_friction(scope: Scope, name: str, plan: PlannedInsertion, tuned: Nee
     rows: list[Row] = []
     for model, fields in found.items():
         for depth, needle, field, reference in zip(depths, needles, fields, expected, strict=True):
-            errors = asdict(displacement_errors(field, reference, grid=tissue.grid, tip=needle.tip))
-            errors["tip_share"] = errors["at_tip"] / float(np.linalg.norm(reference, axis=-1).max())
-            rows.append({"scene": name, "insertion": plan.name, "model": model, "depth": depth} | errors)
+            errors = _errors(field, reference, tissue, needle)
+            rows.append({"cube": name, "insertion": plan.name, "model": model, "depth": depth} | errors)
         rows[-1]["tissues"] = _by_tissue(name, labels, fields[-1], expected[-1])
     maps: Row = {"reference": _slice(expected[-1])} | {m: _slice(f[-1] - expected[-1]) for m, f in found.items()}
     maps["labels"] = labels[:, labels.shape[1] // 2].tolist()
@@ -109,7 +108,7 @@ def held_factors(scope: Scope, tuned: NeedleTissueModel) -> dict[str, float]:
 def compare_held(
     scope: Scope, name: str, plan: PlannedInsertion, tuned: NeedleTissueModel, factors: dict[str, float]
 ) -> list[Row]:
-    """Return the errors of every model in a scene, at full depth, on load case D.
+    """Return the errors of every model in a labelled cube, at full depth, on load case D.
 
     The reference is that of the live solver's own nodes.
     """
@@ -119,15 +118,19 @@ def compare_held(
     found = {model: factors.get(model, 1.0) * u for model, u in _held_without_labels(scope, plan, tuned).items()}
     if name == "homogeneous":
         del found["one stiffness"]
-    rows = []
-    for model, field in found.items():
-        errors = asdict(displacement_errors(field, expected, grid=tissue.grid, tip=needle.tip))
-        errors["tip_share"] = errors["at_tip"] / float(np.linalg.norm(expected, axis=-1).max())
-        rows.append({"scene": name, "insertion": plan.name, "model": model} | errors)
-    return rows
+    return [
+        {"cube": name, "insertion": plan.name, "model": model} | _errors(field, expected, tissue, needle)
+        for model, field in found.items()
+    ]
 
 
-@lru_cache(maxsize=1)  # the same in every scene
+def _errors(field: Array, reference: Array, tissue: Tissue, needle: Needle) -> Row:
+    """Errors, and that at the tip over the largest displacement."""
+    errors = asdict(displacement_errors(field, reference, grid=tissue.grid, tip=needle.tip))
+    return errors | {"tip_share": errors["at_tip"] / float(np.linalg.norm(reference, axis=-1).max())}
+
+
+@lru_cache(maxsize=1)  # the same in every cube
 def _kernel_fields(scope: Scope, plan: PlannedInsertion, tuned: NeedleTissueModel) -> dict[str, list[Array]]:
     """Each kernel's displacement at each depth, case F."""
     needles = _needles(scope, plan)

@@ -7,7 +7,7 @@ maps the undeformed nodes. Each reading is run and measured; the defaults are th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,10 +20,11 @@ from ..models.spline.insertion import Insertion
 from ..models.spline.interaction import TABLE_I_SPACING, NeedleTissueModel, interaction
 from ..models.spline.landmarks import plan_landmarks, select_anchors
 from ..models.spline.spline import PolyharmonicSpline
-from .metrics import Errors, displacement_errors, mean_errors
+from .metrics import displacement_errors, mean_errors
 from .reference import Reference
 
 Array = NDArray[np.float64]
+Row = dict[str, Any]
 Rule = Callable[[Reference, NeedleTissueModel, int], Array]
 """Called with a reference, a model and a number of steps; returns the displacement at the last depth."""
 
@@ -33,39 +34,10 @@ _SHAFT = ("shaft_radius", "shaft_decay", "pull_decay")
 _AMPLITUDES = ("shaft_displacement", "shaft_pull", "tip_displacement")
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One way to read the paper, and how far it is from finite elements."""
-
-    group: str
-    """What is varied: units, rows or epsilon."""
-    name: str
-    """How Table I is read."""
-    accumulation: str
-    """How displacements accumulate over the steps."""
-    errors: Errors | None
-    """Mean over the insertions; None where the reading gives no field."""
-    largest_displacement: float | None
-    """Over the insertions; None where the reading gives no field."""
-    failure: str = ""
-    """Why it gives none."""
-
-    def row(self) -> dict[str, Any]:
-        """Return the figures of a table's row."""
-        return {
-            "group": self.group,
-            "name": self.name,
-            "accumulation": self.accumulation,
-            **{name: getattr(self.errors, name, None) for name in ("mae", "rmse", "relative")},
-            "largest_displacement": self.largest_displacement,
-            "failure": self.failure,
-        }
-
-
 def compare_readings(
     references: Sequence[Reference], *, steps: int = 20, progress: Progress | None = None
-) -> list[Reading]:
-    """Return every reading's errors at the last depth of some references.
+) -> list[Row]:
+    """Return every reading of the paper and its mean errors at the last depth of some references.
 
     Parameters
     ----------
@@ -75,6 +47,13 @@ def compare_readings(
         Steps in which readings that depend on them reach the last depth.
     progress : callable, optional
         Called as ``progress(done, of)`` after each reading.
+
+    Returns
+    -------
+    list of dict
+        ``group`` (what is varied: units, rows or epsilon), ``name`` (how Table I is read), ``accumulation`` (how
+        displacements accumulate over the steps); ``mae``, ``rmse``, ``relative`` and ``largest_displacement``, None
+        where the reading gives no field, and ``failure``, why it gives none.
     """
     if not references:
         raise ValueError("references is empty; give those of at least one insertion")
@@ -90,23 +69,26 @@ def compare_readings(
 
 def _measure(
     references: Sequence[Reference], group: str, name: str, accumulation: str, model: NeedleTissueModel, rule: Any
-) -> Reading:
-    errors, largest = [], 0.0
-    for reference in references:
-        try:
+) -> Row:
+    errors, largest, failure = [], [], ""
+    try:
+        for reference in references:
+            last = reference.last
             displacement = rule(reference, model)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            return Reading(group, name, accumulation, None, None, str(error))
-        errors.append(
-            displacement_errors(
-                displacement,
-                reference.last.displacements[0],
-                grid=reference.tissue.grid,
-                tip=reference.last.needle(0).tip,
-            )
-        )
-        largest = max(largest, float(np.linalg.norm(displacement, axis=-1).max()))
-    return Reading(group, name, accumulation, mean_errors(errors), largest)
+            tip, grid = last.needle(0).tip, reference.tissue.grid
+            errors.append(displacement_errors(displacement, last.displacements[0], grid=grid, tip=tip))
+            largest.append(float(np.linalg.norm(displacement, axis=-1).max()))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        errors, largest, failure = [], [], str(error)
+    mean = mean_errors(errors) if errors else None
+    return {
+        "group": group,
+        "name": name,
+        "accumulation": accumulation,
+        **{measure: getattr(mean, measure, None) for measure in ("mae", "rmse", "relative")},
+        "largest_displacement": max(largest, default=None),
+        "failure": failure,
+    }
 
 
 def _units(side: float) -> Iterator[tuple[str, str, str, NeedleTissueModel, Any]]:

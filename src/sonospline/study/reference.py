@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
+from ..fem.history import reference_history
 from ..fields.maps import Method
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
@@ -64,7 +65,7 @@ class Reference:
         tissue: Tissue,
         *,
         steps: int = 20,
-        history: Solver | None = None,
+        history: Solver = reference_history,
         **options: Any,
     ) -> Reference:
         """Return the reference of an insertion in equal steps.
@@ -75,17 +76,12 @@ class Reference:
             As for :class:`Reference`.
         steps : int, default: 20
             Equal steps from entry to target.
-        history : callable, optional
-            Where the displacements come from; by default
-            :func:`sonospline.fem.reference_history`, kept on disk.
+        history : callable, default: sonospline.fem.reference_history
+            Where the displacements come from; those are kept on disk.
         **options
             Passed on to it: load, material, element, integration, engine.
         """
         steps = _validate.count("steps", steps)
-        if history is None:
-            from ..fem import reference_history
-
-            history = reference_history
         needle = plan.on(tissue)
         displacements = history(tissue, needle.entry, needle.tip, steps=steps, **options)
         return cls(plan, tissue, tuple((np.arange(1, steps + 1) / steps).tolist()), displacements)

@@ -30,8 +30,8 @@ def compared_models(results: Row) -> Iterable[str]:
         f"{count} held-out insertion{'s' if count > 1 else ''} ({', '.join(scope['insertions'])}). What each model is "
         "told: *paper* and *kelvinlet* the needle alone; their displacements were tuned in homogeneous tissue on case "
         "F, seven parameters and one. *elastic* is told the friction, the tip force and every cell's stiffness, as "
-        "the reference is; *one stiffness* is the same without the scene. A spline cannot know that one tissue is "
-        "stiffer than its neighbour: that is what the scenes show, not a fault of its tuning."
+        "the reference is; *one stiffness* is the same without the labels. A spline cannot know that one tissue is "
+        "stiffer than its neighbour: that is what the labelled cubes show, not a fault of its tuning."
     )
     yield "### Load case F: friction along the shaft and a force at the tip"
     yield (
@@ -40,7 +40,7 @@ def compared_models(results: Row) -> Iterable[str]:
         f"{scope['side']}^3 nodes."
     )
     friction = [row for row in models["friction"] if row["depth"] == 1.0]
-    yield _by_scene(friction, scope["scenes"])
+    yield _by_cube(friction, scope["cubes"])
     yield "![errors of the three models in the middle plane](models_maps.png)"
     yield "![errors of the three models against depth](models_depth.png)"
     yield "By tissue, error over displacement within it (in bone the displacement is next to nothing):"
@@ -54,7 +54,7 @@ def compared_models(results: Row) -> Iterable[str]:
         f"insertions in homogeneous tissue: {factors}. *elastic* is not in the table: held by its own forces it is "
         "the reference, equal to scikit-fem's to 1e-5."
     )
-    yield _by_scene(models["held"], scope["scenes"])
+    yield _by_cube(models["held"], scope["cubes"])
     yield "### What a step costs"
     yield "Milliseconds, one thread, every node of the mesh evaluated; in the seven-tissue body for *elastic*."
     yield table(
@@ -71,12 +71,12 @@ def compared_models(results: Row) -> Iterable[str]:
     )
 
 
-def _by_scene(rows: list[Row], scenes: list[str]) -> str:
-    means = {(row["scene"], row["model"]): row for row in mean_rows(rows, "scene", "model")}
+def _by_cube(rows: list[Row], cubes: list[str]) -> str:
+    means = {(row["cube"], row["model"]): row for row in mean_rows(rows, "cube", "model")}
     titles = {model: title for model, title in model_titles().items() if any(found == model for _, found in means)}
     return table(
-        ("scene", *titles.values()),
-        [(scene, *(_errors_of(means.get((scene, model))) for model in titles)) for scene in scenes],
+        ("cube", *titles.values()),
+        [(cube, *(_errors_of(means.get((cube, model))) for model in titles)) for cube in cubes],
     )
 
 
@@ -85,9 +85,9 @@ def _by_tissue(rows: list[Row]) -> str:
     found: dict[tuple[str, str], dict[str, list[float]]] = {}
     for row in rows:
         for tissue, relative in row["tissues"].items():
-            found.setdefault((row["scene"], tissue), {}).setdefault(row["model"], []).append(relative)
+            found.setdefault((row["cube"], tissue), {}).setdefault(row["model"], []).append(relative)
     return table(
-        ("scene", "tissue", *titles.values()),
+        ("cube", "tissue", *titles.values()),
         [
             (*place, *(f"{np.mean(errors[model]):.3f}" if model in errors else "" for model in titles))
             for place, errors in found.items()

@@ -229,11 +229,11 @@ def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
 
 def _readings(plan: Plan) -> list[Row]:
     references = [reference_of(plan, i, plan.sides[0]).last for i in tuning_insertions()]
-    return [reading.row() for reading in compare_readings(references)]
+    return compare_readings(references)
 
 
 def _models(plan: Plan, notebook: Notebook, tuned: NeedleTissueModel) -> Row:
-    """The three models against finite elements, scene by scene."""
+    """The three models against finite elements, cube by cube."""
     scope = plan.scope
     settings = {"scope": asdict(scope), "tuned": asdict(tuned)}
     insertions = {insertion.name: insertion for insertion in held_out_insertions()}
@@ -241,7 +241,7 @@ def _models(plan: Plan, notebook: Notebook, tuned: NeedleTissueModel) -> Row:
     rows: dict[str, list[Row]] = {"friction": [], "held": []}
     maps: Row = {}
     for insertion in (insertions[one] for one in scope.insertions):
-        for name in scope.scenes:
+        for name in scope.cubes:
 
             def compute(name: str = name, insertion: PlannedInsertion = insertion) -> Row:
                 friction = compare_friction(scope, name, insertion, tuned)

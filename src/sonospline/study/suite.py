@@ -27,6 +27,8 @@ from .timing import REST_S, Times, elapsed_ms, once, race, several, steps_ms
 Row = dict[str, Any]
 Tell = Callable[[str], None]
 _LARGE = 500_000
+_STEPS = 20
+"""Of an insertion: a quarter of them, the last, are timed."""
 _FITTED_BEFORE = "as on the smaller grids"
 MULTILEVEL, DIRECT32 = OURS[0], OURS[2]
 
@@ -77,28 +79,6 @@ def _all_nodes(problem: Problem, rounds: int) -> list[Row]:
     return rows
 
 
-class Stepper:
-    """Twenty steps of a needle through a cube, half of the landmarks anchors, by the product's own path."""
-
-    STEPS = 20
-
-    def __init__(self, side: int, count: int) -> None:
-        self._needles = equal_steps(Needle((0, 0.5, 0.5), (0.9, 0.55, 0.5)), self.STEPS)
-        self._insertion = _insertion_with(Tissue(Grid.unit_cube(side)), self._needles[-1], count)
-        field = self._insertion.advance(self._needles[-1])
-        assert isinstance(field, KernelField)
-        assert field.nodes is not None
-        anchors = len(self._insertion.anchors)
-        self.problem = Problem(
-            field.grid or self._insertion.tissue.grid, field.nodes, field.displacement(field.centres), anchors
-        )
-        """What the last step solves, for peers."""
-
-    def step_ms(self) -> list[float]:
-        """Milliseconds of each step of a whole insertion: select, append, solve, all nodes."""
-        return steps_ms(self._insertion, self._needles)
-
-
 def _insertion_with(tissue: Tissue, needle: Needle, count: int) -> Insertion:
     """An insertion whose last step has about ``count`` landmarks, half of them anchors."""
     per_side = min(range(2, 30), key=lambda m: abs(len(select_anchors(tissue, m)) - count / 2))
@@ -111,6 +91,15 @@ def _insertion_with(tissue: Tissue, needle: Needle, count: int) -> Insertion:
         most = int(0.9 * most)
 
 
+def _solved_by(insertion: Insertion) -> Problem:
+    """What the last step of an insertion solved, for peers."""
+    field = insertion.field
+    assert isinstance(field, KernelField)
+    assert field.nodes is not None
+    values = field.displacement(field.centres)
+    return Problem(field.grid or insertion.tissue.grid, field.nodes, values, len(insertion.anchors))
+
+
 def whole_step(counts: Sequence[int], rounds: int, tell: Tell, side: int = 53) -> list[Row]:
     """Select, append, solve and evaluate all nodes, against a peer's fit and evaluation of the same landmarks.
 
@@ -119,21 +108,23 @@ def whole_step(counts: Sequence[int], rounds: int, tell: Tell, side: int = 53) -
     rows: list[Row] = []
     for count in counts:
         tell(f"whole step: {side}^3, n = {count}")
-        rows += _whole_step(Stepper(side, count), count, rounds)
+        rows += _whole_step(Tissue(Grid.unit_cube(side)), count, rounds)
     return rows
 
 
-def _whole_step(stepper: Stepper, count: int, rounds: int) -> list[Row]:
-    problem = stepper.problem
+def _whole_step(tissue: Tissue, count: int, rounds: int) -> list[Row]:
+    needles = equal_steps(Needle((0, 0.5, 0.5), (0.9, 0.55, 0.5)), _STEPS)
+    insertion = _insertion_with(tissue, needles[-1], count)
+    problem = _solved_by(insertion)
     reasons = {c.name: c.unable(problem) or c.unable_to_fit(problem) for c in PEERS}
     ours: list[float] = []
     means: list[float] = []
     theirs: dict[str, list[float]] = {name: [] for name, reason in reasons.items() if reason is None}
     for turn in range(rounds + 1):
         time.sleep(REST_S)
-        steps = stepper.step_ms()
+        steps = steps_ms(insertion, needles)
         if turn:  # the first turn warms up
-            ours.append(float(np.median(steps[-Stepper.STEPS // 4 :])))
+            ours.append(float(np.median(steps[-_STEPS // 4 :])))
             means.append(float(np.mean(steps)))
         for contender in PEERS:
             if contender.name in theirs:
@@ -163,11 +154,11 @@ def insertion_step(rounds: int, tell: Tell, side: int = 53) -> list[Row]:
     for anchors in choices:
         tell(f"insertion: {side}^3, anchors = {anchors}")
         insertion = Insertion(Tissue(Grid.unit_cube(side)), anchors=anchors)
-        needles = equal_steps(Needle((0, 0.5, 0.5), (0.6, 0.55, 0.5)), 20)
+        needles = equal_steps(Needle((0, 0.5, 0.5), (0.6, 0.55, 0.5)), _STEPS)
         spent: list[float] = []
         for _ in range(rounds):
             times = steps_ms(insertion, needles)
-            spent += times[-5:]
+            spent += times[-_STEPS // 4 :]
         pinned = insertion.tissue.grid.points[insertion.tissue.pinned.ravel()]
         drift = float(np.abs(insertion.field.displacement(pinned)).max())
         rows.append(

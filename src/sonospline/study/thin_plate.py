@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
+from ..geometry.needle_plane import NeedlePlane
 from ..models.spline.interaction import NeedleTissueModel, accumulated
 from .metrics import Errors, displacement_errors
-from .needle_plane import NeedlePlane
 from .reference import Reference
 
 Array = NDArray[np.float64]

@@ -33,7 +33,7 @@ def held_shaft(solver: ElasticSolver, load: ShaftDisplacement, needle: Needle) -
     >>> import sonospline as ss
     >>> from sonospline.models.elastic import ElasticSolver
     >>> from sonospline.mechanics import ShaftDisplacement
-    >>> from sonospline.study.held_shaft import held_shaft
+    >>> from sonospline.fem.held_shaft import held_shaft
     >>> solver = ElasticSolver(ss.Tissue(ss.Grid.unit_cube(9)), nodes=9**3)
     >>> u = held_shaft(solver, ShaftDisplacement(), ss.Needle((0, .5, .5), (.6, .5, .5)))
     >>> u.shape, round(float(u[2, 4, 4, 0]), 4)

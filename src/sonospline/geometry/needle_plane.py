@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.grid import FACES
-from ..geometry.needle import Needle
-from ..geometry.tissue import Tissue
+from .grid import FACES
+from .needle import Needle
+from .tissue import Tissue
 
 Array = NDArray[np.float64]
 
