@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from ..simulator.console import Console
     from ..simulator.console_frame import ConsoleFrame
-    from ..simulator.runner import Stamp
     from ..simulator.scene import Scene
+    from ..simulator.stamp import Stamp
 
 MESH_HZ = 15.0
 

@@ -7,7 +7,8 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ..simulator.runner import Runner, Stamp
+from ..simulator.runner import Runner
+from ..simulator.stamp import Stamp
 from .client_messages import MessageError
 from .flow import FrameFlow
 from .scene_catalog import SceneCatalog

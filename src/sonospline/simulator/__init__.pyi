@@ -8,7 +8,6 @@ from .constraint import Constrained as Constrained
 from .knobs import Knobs as Knobs
 from .readouts import Readouts as Readouts
 from .runner import Runner as Runner
-from .runner import Stamp as Stamp
 from .scene import Scene as Scene
 from .scene_file import SceneError as SceneError
 from .scene_file import SceneFile as SceneFile
@@ -16,4 +15,5 @@ from .scene_file import scene_schema as scene_schema
 from .scene_maker import make_scene as make_scene
 from .session import Session as Session
 from .simulated_frame import SimulatedFrame as SimulatedFrame
+from .stamp import Stamp as Stamp
 from .subscription import Subscription as Subscription

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .arrival_clock import ArrivalClock
 from .command import Command
+from .stamp import Stamp
 from .subscription import Callback, ErrorLog, OnError, Subscription, WhenFull
 
 if TYPE_CHECKING:
@@ -40,16 +41,6 @@ def _end_all() -> None:
         runner.stop()
     for runner in runners:
         runner.join(max(0.0, deadline - time.monotonic()))
-
-
-@dataclass(frozen=True)
-class Stamp:
-    """Where a frame came from."""
-
-    seq: int
-    """Of the newest command in it."""
-    since: float
-    """``time.perf_counter()`` when that command came; of one that an older frame shows, when the frame was begun."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from .. import _validate
 
 if TYPE_CHECKING:
     from .console_frame import ConsoleFrame
-    from .runner import Stamp
+    from .stamp import Stamp
 
 logger = logging.getLogger(__name__)
 
