@@ -1,6 +1,8 @@
 """The session in world poses: what a step is given, what it leaves as it is, and steps that fail."""
 
 import pickle
+import threading
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -116,6 +118,9 @@ def test_forces_and_several_needles_come_from_the_model(scene):
     left = session.settle(needles={"anchor": two["anchor"]})
     assert set(left.forces) == {"anchor"}
     assert session.step(needles={}).forces == {}
+    session.switch("paper")
+    with pytest.raises(ValueError, match="model = 'paper' cannot do forces; use model = 'elastic'"):
+        session.step(needles=one(20.0)).forces["needle"]
 
 
 BAD = {
@@ -242,6 +247,57 @@ def test_warming_up_changes_nothing(scene):
         assert same(warm.step(needles=one(depth)), cold.step(needles=one(depth)))
 
 
+def test_warming_up_beside_a_session_at_work_changes_nothing(scene):
+    warm, cold = Session(scene), Session(scene)
+    helpers = [threading.Thread(target=warm.warm_up, args=(needle(3.0),)) for _ in range(3)]
+    for helper in helpers:
+        helper.start()
+    for depth in (0.5, 10.0, 25.0):
+        assert same(warm.step(needles=one(depth)), cold.step(needles=one(depth)))
+    for helper in helpers:
+        helper.join(60)
+    assert same(warm.step(needles=one(30.0)), cold.step(needles=one(30.0)))
+
+
+class Relaxing(models.TissueModel):
+    """Moves at once as a needle is put in, and goes half the way back every second once it is out."""
+
+    name = "relaxing"
+    capabilities = frozenset({"time"})
+
+    def _answer(self, state, needles, dt):
+        last = getattr(state, "moved", 0.0)
+        moved = 2.0 if needles else last * 0.5**dt
+        moved = moved if moved > 0.1 else 0.0
+        field = ss.GridField(self.tissue.grid, np.full((*self.tissue.grid.shape, 3), moved, np.float32))
+        inside = Relaxed(self.identity, tuple(needles.items()), moved=moved)
+        return models.Response(state=inside, field=field, forces={}, settled=bool(needles) or moved == 0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Relaxed(models.State):
+    moved: float = 0.0
+
+
+def registered(monkeypatch, kind):
+    monkeypatch.setattr(registry, "_table", dict(registry._discover()))
+    spec = models.ModelSpec(name=kind.name, title="", summary="", maker=lambda tissue, materials: kind(tissue))
+    registry.register(spec)
+
+
+def test_tissue_that_takes_its_time_is_stepped_until_it_is_at_rest(scene, monkeypatch):
+    """After the needle is out, too; and a frame's state is enough to live that again."""
+    registered(monkeypatch, Relaxing)
+    session = Session(scene, model="relaxing")
+    frames = [session.step(needles=one(20.0), dt=0.5)]
+    frames += [session.step(needles={}, dt=1.0) for _ in range(6)]
+    assert [f.field.values.max() for f in frames] == [2, 1, 0.5, 0.25, 0.125, 0, 0]
+    assert [f.settled for f in frames] == [True, False, False, False, False, True, True]
+    assert (frames[2].needle, frames[2].readouts.moved) == (None, pytest.approx(0.5 * 3**0.5))
+    session.resume(frames[1])
+    assert session.step(dt=2.0).field.values.max() == 0.25
+
+
 def test_a_model_of_another_package_answers_here(scene, monkeypatch):
     """One that registers itself is a model of scenes, too: nothing here names the models."""
 
@@ -254,9 +310,7 @@ def test_a_model_of_another_package_answers_here(scene, monkeypatch):
             inside = models.State(self.identity, tuple(needles.items()))
             return models.Response(state=inside, field=field, forces={}, events=("touched bone",))
 
-    monkeypatch.setattr(registry, "_table", dict(registry._discover()))
-    spec = models.ModelSpec(name="stiff", title="Stiff", summary="", maker=lambda tissue, materials: Stiff(tissue))
-    registry.register(spec)
+    registered(monkeypatch, Stiff)
     frame = Session(scene, model="stiff").step(needles=one(20.0))
     assert (frame.model, frame.events, frame.readouts.moved) == ("stiff", ("touched bone",), 0.0)
 
