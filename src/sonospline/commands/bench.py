@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from .. import _core
@@ -12,7 +11,7 @@ from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
 from ..study import claims, live, machine, race_report, suite
-from . import _limits
+from . import _limits, _options
 from ._progress import say
 
 HELP = "time everything against SciPy, VTK, ITK, KeOps, PyTorch and NumPy in one run, or the live simulator"
@@ -33,15 +32,13 @@ _LIMITS: _limits.Limits = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="processors to hold the run to (2)")
     parser.add_argument("--rounds", type=int, default=5, metavar="N", help="turns of each contender (5)")
     parser.add_argument("--quick", action="store_true", help="small sizes only: a check, not a measurement")
     parser.add_argument("--live", action="store_true", help="measure the live simulator's latency instead")
     parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help="its scene (kidney)")
     parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long to measure it (12)")
-    parser.add_argument("--json", action="store_true", help="print the results as JSON on stdout")
-    parser.add_argument("--quiet", action="store_true", help="say nothing meanwhile")
+    _options.add_output(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

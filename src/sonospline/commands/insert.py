@@ -15,7 +15,7 @@ from ..io.staging import staged_folder
 from ..io.volumes import suffix_of
 from ..mechanics.tissue_map import TissueMap
 from ..models.insertion import NeedleInsertion
-from . import _folds, _limits, _models, _points
+from . import _folds, _limits, _models, _options, _points
 from ._insert_place import image, needle_path
 from ._insert_results import Outcome, write
 from ._progress import track
@@ -40,20 +40,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("auto", "image", "labels"),
         help="image: linear between voxels; labels: the nearest voxel (auto: as it looks, and said)",
     )
-    where.add_argument("--entry", metavar="X,Y,Z", help="where the needle enters (mm, or voxels with --frame IJK)")
-    where.add_argument("--target", metavar="X,Y,Z", help="where its tip ends")
+    _options.add_path(where, "mm, or voxels with --frame IJK")
     where.add_argument("--frame", default="RAS", choices=("RAS", "LPS", "IJK"), help="frame of the points (RAS)")
     where.add_argument("--entry-face", default="auto", metavar="FACE", help="free face, x- to z+ (nearest to entry)")
     how = parser.add_argument_group("how")
     how.add_argument("--steps", type=int, default=20, metavar="N", help="insertion steps (20)")
-    how.add_argument("--nodes", type=int, default=150_000, metavar="N", help="grid nodes, about (150000)")
-    how.add_argument("--seed", type=int, default=0, help="seed of the phantom's speckle (0)")
+    _options.add_nodes(how)
+    _options.add_seed(how, "of the phantom's speckle")
     _models.add_arguments(parser)
     what = parser.add_argument_group("what comes out")
     _folds.add_argument(what)
-    what.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
-    what.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
-    what.add_argument("--quiet", action="store_true", help="no progress bar")
+    _options.add_output(what)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

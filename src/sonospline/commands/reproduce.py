@@ -30,7 +30,7 @@ from ..study.figure_slices import Compared, draw_slices
 from ..study.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from ..study.notebook import Notebook
 from ..study.tuning import ParetoFront
-from . import _limits
+from . import _limits, _options
 from ._progress import say
 
 HELP = "regenerate the paper's tables and figures, and compare its claims"
@@ -44,12 +44,10 @@ _PACKAGES = ("sonospline", "numpy", "scipy", "scikit-fem", "pyamg", "pypardiso",
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     parser.add_argument("--quick", action="store_true", help="25^3 and 31^3, a small search, scikit-fem only")
-    parser.add_argument("--seed", type=int, default=0, help="of the search; the same seed gives the same front (0)")
+    _options.add_seed(parser, "of the search")
     parser.add_argument("--image", type=Path, metavar="FILE", help="3-D image shown in Fig. 2 (a generated phantom)")
-    parser.add_argument("--json", action="store_true", help="print all figures as JSON on stdout")
-    parser.add_argument("--quiet", action="store_true", help="say nothing meanwhile")
+    _options.add_output(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from ..study.objective import TUNABLES, Objective, errors_at_target
 from ..study.parallel import dask_executor, usable_processors
 from ..study.reference import Reference
 from ..study.tuning import GENERATIONS, POPULATION, ParetoFront, search
-from . import _limits, _parameters
+from . import _limits, _options, _parameters
 from ._progress import bar, track
 
 HELP = "tune the model's parameters to finite elements with NSGA-II"
@@ -56,13 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--population", type=int, default=POPULATION, metavar="N", help=f"designs a generation ({POPULATION})"
     )
     how.add_argument("--generations", type=int, default=GENERATIONS, metavar="N", help=f"generations ({GENERATIONS})")
-    how.add_argument("--seed", type=int, default=0, help="the same seed gives the same front (0)")
+    _options.add_seed(how, "of the search")
     how.add_argument("--workers", type=int, metavar="N", help="processes (one a processor)")
     how.add_argument("--dask", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead")
-    out = parser.add_argument_group("what comes out")
-    out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
-    out.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
-    out.add_argument("--quiet", action="store_true", help="no progress bar")
+    _options.add_output(parser.add_argument_group("what comes out"))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

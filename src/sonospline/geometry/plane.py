@@ -103,6 +103,34 @@ class ImagePlane(ByValue):
         return cls.placed(transform, shape=(rows, columns), spacing_mm=(spacing, spacing), corner_mm=corner)
 
     @classmethod
+    def along(
+        cls, grid: Grid, right: ArrayLike, *, through: ArrayLike, down: ArrayLike | None = None, pixels: int = 512
+    ) -> ImagePlane:
+        """Return the plane across a box that holds a direction, such as a needle's: it runs to the right.
+
+        Parameters
+        ----------
+        grid, through, pixels
+            As for :meth:`crossing`.
+        right : (3,) array_like
+            World direction of the picture's x.
+        down : (3,) array_like, optional
+            World direction that lies in the plane, too; by default the world axis most across ``right``.
+
+        Examples
+        --------
+        >>> import sonospline as ss
+        >>> from sonospline.geometry import ImagePlane
+        >>> needle = ss.Needle(entry=(0, .5, .5), tip=(.6, .5, .5))
+        >>> plane = ImagePlane.along(ss.Grid.unit_cube(25), needle.direction, through=needle.tip)
+        >>> plane.project(needle.entry[None])[0, 2].round(9) + 0.0
+        np.float64(0.0)
+        """
+        x = _validate.vector("right", right)
+        y = np.eye(3)[int(np.argmin(np.abs(x)))] if down is None else _validate.vector("down", down)
+        return cls.crossing(grid, normal=np.cross(x, y), through=through, right=x, pixels=pixels)
+
+    @classmethod
     def placed(
         cls,
         axes_to_reference: Array,

@@ -1,0 +1,108 @@
+"""What ``sonospline image`` looks at: a cut of a real volume, or a phantom under a probe."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fields.grid_field import GridField
+from ..geometry.grid import Grid
+from ..geometry.needle import Needle
+from ..geometry.plane import ImagePlane
+from ..geometry.pose import facing
+from ..io.labels import labels_named, read_labels, warn_of_labels
+from ..io.tables import read_names
+from ..io.volumes import read_volume
+from ..ultrasound.acoustics import read_table
+from ..ultrasound.frame import Frame
+from ..ultrasound.kidney import kidney_phantom
+from ..ultrasound.needle_echo import LOOKS
+from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
+from ..ultrasound.phantom import LARGEST_LABEL, Phantom
+from ..ultrasound.probe import PROBES
+from ..ultrasound.reslice import Reslicer, swept
+from ..ultrasound.synthesis import Display, Scanner
+from . import _points
+
+Array = NDArray[np.float64]
+
+
+class View(NamedTuple):
+    """How to see the tissue, the grid of it that moves, and the needle, where there is one."""
+
+    render: Callable[[GridField | None, Needle | None, int], Frame]
+    grid: Grid
+    needle: Needle | None
+
+
+def view_of(args: argparse.Namespace) -> View:
+    """Return what the options ask for."""
+    return _cut(args) if args.volume is not None else _scanned(args)
+
+
+def _cut(args: argparse.Namespace) -> View:
+    """A real volume, cut through the needle or the origin."""
+    volume = read_volume(args.volume)
+    warn_of_labels(volume, args.volume, "whose numbers are cut as grey levels; --labels shows it as tissue")
+    needle = _given_needle(args)
+    if needle is None and args.origin is None:
+        raise ValueError("--origin is missing; give a point of the cut, or a needle with --entry and --target")
+    through = _points.parse("origin", args.origin) if needle is None or args.origin else needle.tip
+    right = needle.direction if needle is not None and args.right is None else _direction(args, "right", "1,0,0")
+    down = None if args.look is None else _points.parse("look", args.look)
+    plane = ImagePlane.along(volume.lattice, right, through=through, down=down)
+    reslicer = Reslicer(volume, seen=swept(volume))
+    return View(lambda field, _needle, _frame: reslicer.cut(plane, field), volume.grid(args.nodes), needle)
+
+
+def _scanned(args: argparse.Namespace) -> View:
+    """A phantom under a probe."""
+    settings = {"frequency_mhz": args.frequency, "depth_mm": args.depth}
+    probe = PROBES[args.probe](**{name: value for name, value in settings.items() if value is not None})
+    needle = _given_needle(args)
+    if args.labels is None:
+        kidney = kidney_phantom(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
+        phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_to_reference
+        needle = kidney.needle if needle is None else needle
+    else:
+        phantom = _phantom(args)
+        lattice = phantom.labels.lattice
+        grid = Grid.covering(lattice.extent, nodes=args.nodes, origin=lattice.origin, direction=lattice.direction)
+        if args.origin is None:
+            raise ValueError("--origin is missing; give the middle of the probe's face, X,Y,Z (RAS mm)")
+    if args.origin is not None:
+        look, right = _direction(args, "look", "0,0,1"), _direction(args, "right", "1,0,0")
+        pose = facing(_points.parse("origin", args.origin), depth=look, right=right)
+    display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range)
+    scanner = Scanner(phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
+    return View(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
+
+
+def _phantom(args: argparse.Namespace) -> Phantom:
+    if (args.table is None) == (args.names is None):
+        raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
+    if args.table is not None:
+        labels, table = read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table)
+        with labels_named(args.labels):
+            return Phantom(labels, table)
+    labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_names(args.names)
+    ct = None if args.ct is None else read_volume(args.ct, name="ct")
+    with labels_named(args.labels):
+        return phantom_from_organs(labels, names, ct=ct)
+
+
+def _direction(args: argparse.Namespace, name: str, default: str) -> Array:
+    return _points.parse(name, getattr(args, name) or default)
+
+
+def _given_needle(args: argparse.Namespace) -> Needle | None:
+    if args.entry is None and args.target is None:
+        return None
+    for name in ("entry", "target"):
+        if getattr(args, name) is None:
+            raise ValueError(f"--{name} is missing; give X,Y,Z (RAS mm), or neither of --entry and --target")
+    return Needle(_points.parse("entry", args.entry), _points.parse("target", args.target))
