@@ -186,7 +186,9 @@ class ElasticSolver:
         if state.measured and state.error <= SETTLED and np.array_equal(forces, state.load):
             return state
         found = self._first(state, forces, budget)
-        while found.iterations < budget and found.error > (tolerance if found.measured else tolerance / 2):
+        if not found.measured and tolerance / 2 < found.error <= tolerance:
+            found = self._measured(found, forces)
+        while found.iterations < budget and found.error > tolerance:
             found = self._further(found, forces, min(_wanted(found, tolerance), budget - found.iterations))
         return found
 
@@ -200,6 +202,11 @@ class ElasticSolver:
         if before > JUMP and budget > 1:
             return self._further(found, forces, min(FIRST_ITERATIONS, budget) - 1)
         return found
+
+    def _measured(self, found: ElasticState, forces: Single) -> ElasticState:
+        """The same displacement, with its error measured."""
+        _, errors, _ = self._multigrid.iterate(forces, found.displacement, 0, True)
+        return replace(found, error=self.safety * errors[-1], measured=True)
 
     def _further(self, found: ElasticState, forces: Single, iterations: int) -> ElasticState:
         """More iterations in the same step."""
