@@ -252,7 +252,7 @@ def test_forces_that_do_not_fit_the_grid_are_refused():
 
 def test_a_prescribed_displacement_is_refused():
     solver = ElasticSolver(cube(), nodes=SMALL)
-    with pytest.raises(ValueError, match="is not a force; give a LineForce"):
+    with pytest.raises(ValueError, match="is no force; give a LineForce"):
         solver.step(solver.rest, ShaftDisplacement(), NEEDLE)
 
 

@@ -180,3 +180,6 @@ class FiniteElementModel:
             solver=self.solver,
             tolerance=self.tolerance,
         )
+
+    def __repr__(self) -> str:
+        return f"FiniteElementModel({self.tissue!r})"

@@ -30,6 +30,11 @@ class InverseReport(NamedTuple):
     residual: float
     """Largest ``|forward(inverse(p)) - p|`` over the converged points."""
 
+    def __repr__(self) -> str:
+        return (
+            f"InverseReport({np.sum(self.converged)} of {np.size(self.converged)} points, {self.iterations} iterations)"
+        )
+
 
 class FieldMaps(ABC):
     """What a displacement field u(x) of tissue answers, in world coordinates of the undeformed body.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._shown import place
 from .grid_field import GridField
 
 Array = NDArray[np.float64]
@@ -27,6 +28,9 @@ class Strain(NamedTuple):
     def small(self) -> bool:
         """Whether the linear theory holds there."""
         return self.largest <= SMALL
+
+    def __repr__(self) -> str:
+        return f"Strain({self.largest:.3g} at {place(self.place)})"
 
 
 def largest_strain(field: GridField) -> Strain:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._shown import shown
 from .volume import Volume
 
 TOLERANCE = 1e-3
@@ -131,6 +132,8 @@ class LabelMap(Volume):
         >>> int(LabelMap.of(stored).voxels.max())
         5
         """
+        if not isinstance(volume, Volume):
+            raise ValueError(f"{name} = {shown(volume)} is no Volume; read one with read_labels, or make a LabelMap")
         voxels = volume.voxels
         if not np.issubdtype(voxels.dtype, np.integer):
             voxels = _rounded(voxels, name, largest)

@@ -26,6 +26,9 @@ class Projection(NamedTuple):
     distance: Array
     """(m,) d: distance from the axis, eq. (13)."""
 
+    def __repr__(self) -> str:
+        return f"Projection({np.size(self.along)} points)"
+
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Needle(ByValue):

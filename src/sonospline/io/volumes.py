@@ -28,13 +28,21 @@ RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
 
 def suffix_of(path: Path, name: str = "volume") -> str:
     """Return the volume suffix of a path, or raise ValueError for a folder or a file type that is not one."""
-    if path.is_dir() or path.suffix.lower() in (".dcm", ".ima"):
-        kind = "a folder" if path.is_dir() else "one slice of a DICOM series"
+    folder = _is_folder(path)
+    if folder or path.suffix.lower() in (".dcm", ".ima"):
+        kind = "a folder" if folder else "one slice of a DICOM series"
         raise ValueError(f"{name} = {str(path)!r} is {kind}; give one image file ({_CONVERT})")
     for suffix in SUFFIXES:
         if path.name.lower().endswith(suffix):
             return suffix
     raise ValueError(f"{name} = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:  # a name that is too long is none
+        return False
 
 
 def read_volume(path: str | PathLike[str], *, name: str = "volume") -> Volume:

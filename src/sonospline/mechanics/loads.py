@@ -67,6 +67,9 @@ class AxialForce(NamedTuple):
     tip: float
     """Force at the tip."""
 
+    def __repr__(self) -> str:
+        return f"AxialForce({len(self.places)} changes of friction, {self.tip:.4g} at the tip)"
+
 
 class LineLoad(Load):
     """Friction along the inserted shaft and a force at the tip, smoothed by a Gaussian of one width.

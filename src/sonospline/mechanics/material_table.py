@@ -86,6 +86,9 @@ class MaterialTable:
         known = ", ".join(self.materials)
         raise ValueError(f"label {name!r} has no material; add a [{name}] table, or use one of {known}")
 
+    def __repr__(self) -> str:
+        return f"MaterialTable({len(self.materials)} tissues)"
+
 
 def read_label_names(path: str | PathLike[str]) -> dict[int, str]:
     """Read the names of labels, see :func:`~sonospline.io.tables.read_names`; label 0 is soft tissue by default."""

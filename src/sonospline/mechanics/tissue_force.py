@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import _validate
+from .._shown import shown
 from ..geometry.needle import Needle
 from .loads import MILLI, AxialForce, LineLoad
 from .tissue_map import TissueMap
@@ -44,7 +45,9 @@ class TissueForce(LineLoad):
 
     def __post_init__(self) -> None:
         if not isinstance(self.tissues, TissueMap):
-            raise ValueError(f"tissues = {self.tissues!r} is not a TissueMap; make one, e.g. labelled_cube('layers')")
+            raise ValueError(
+                f"tissues = {shown(self.tissues)} is not a TissueMap; make one, e.g. labelled_cube('layers')"
+            )
         object.__setattr__(self, "width", _validate.number("width", self.width, positive=True))
 
     def along(self, needle: Needle) -> AxialForce:
@@ -56,3 +59,6 @@ class TissueForce(LineLoad):
         changes = np.diff(MILLI * friction[:-1], prepend=0.0, append=0.0)
         kept = changes != 0
         return AxialForce(places[kept], changes[kept], float(MILLI * cutting[-1]))
+
+    def __repr__(self) -> str:
+        return f"TissueForce({self.tissues!r}, width={self.width:.4g})"

@@ -201,6 +201,9 @@ class TissueMap:
         at = self.labels
         return Volume(voxels=voxels, spacing=at.spacing, origin=at.origin, direction=at.direction)
 
+    def __repr__(self) -> str:
+        return f"TissueMap({self.labels!r}, {len(self.materials)} materials)"
+
 
 def _refuse_leaking(fluid: Array) -> None:
     touched = [face for face in FACES if (fluid[face_slice(face)] >= 0.5).any()]

@@ -152,7 +152,8 @@ class Response:
     def __repr__(self) -> str:
         error = "" if self.error_estimate is None else f", error_estimate={self.error_estimate:.2g}"
         events = f", events={self.events}" if self.events else ""
-        return f"Response({self.state!r}, forces={dict(self.forces)}{events}{error}, settled={self.settled})"
+        forces = "".join(f", {name}: {force.axial_n:.4g} N" for name, force in self.forces.items())
+        return f"Response({self.state!r}{forces}{events}{error}, settled={self.settled})"
 
 
 class TissueModel(ABC):
@@ -269,6 +270,9 @@ class TissueModel(ABC):
             where = "" if len(named) == 1 else f" of needle {name!r}"
             self.tissue.check_inside(**{f"entry{where}": needle.entry, f"tip{where}": needle.tip})
         return named
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.tissue!r})"
 
 
 def _named(needles: Needles) -> Named:

@@ -95,3 +95,7 @@ class NeedleInsertion:
     def needle(self) -> Needle | None:
         """Where the needle is; None while it is out."""
         return dict(self.state.needles).get(NEEDLE)
+
+    def __repr__(self) -> str:
+        needle = "no needle" if self.needle is None else repr(self.needle)
+        return f"{type(self).__name__}({self.tissue!r}, {needle})"

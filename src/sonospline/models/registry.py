@@ -76,6 +76,10 @@ class ModelSpec:
     properties: tuple[str, ...] = ()
     reports_progress: bool = False
 
+    def __repr__(self) -> str:
+        able = ", ".join(sorted(self.capabilities)) or "poses alone"
+        return f"ModelSpec({self.name}, {able}; options {', '.join(option.name for option in self.options) or 'none'})"
+
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.replace("-", "_").isidentifier()):
             raise ValueError(f"name = {shown(self.name)} is not a word; give letters, digits, - and _")

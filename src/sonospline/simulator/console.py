@@ -252,6 +252,9 @@ class Console:
         self.last = replace(last, command=structs.replace(last.command, frozen=True))
         return self.last
 
+    def __repr__(self) -> str:
+        return f"Console({self.session!r})"
+
 
 def _from_skin(frame: SimulatedFrame, entry: NDArray[np.float64]) -> Readouts:
     """The read-outs while the needle is out: from where it would enter."""

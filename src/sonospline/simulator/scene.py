@@ -71,3 +71,6 @@ class Scene:
         """Lowest and highest corner of the mechanical box along the world axes."""
         corners = self.tissue.grid.world(np.indices((2, 2, 2)).reshape(3, -1).T * self.tissue.grid.extent)
         return corners.min(axis=0), corners.max(axis=0)
+
+    def __repr__(self) -> str:
+        return f"Scene({self.spec.name!r}, {self.tissue!r})"

@@ -243,3 +243,6 @@ class Session:
             moved_parts=self.scene.frame.parts(moved), out_of_plane=away, half_slice=half_slice, folds=answer.folds,
             estimate=answer.field.error_estimate,
         )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"Session({self.scene!r})"

@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
@@ -54,13 +54,13 @@ class AcousticTissue:
     backscatter_db: float
     texture_db: float = 0.0
     texture_mm: tuple[float, float, float] = (3.0, 3.0, 3.0)
-    source: str = ""
+    source: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        for field in ("speed_m_s", "density_kg_m3"):
-            _validate.number(field, getattr(self, field), positive=True)
-        for field in ("attenuation_db_cm_mhz", "texture_db"):
-            _validate.number(field, getattr(self, field))
+        for name in ("speed_m_s", "density_kg_m3"):
+            _validate.number(name, getattr(self, name), positive=True)
+        for name in ("attenuation_db_cm_mhz", "texture_db"):
+            _validate.number(name, getattr(self, name))
         if not NO_ECHO <= self.backscatter_db <= 40:
             raise ValueError(
                 f"backscatter_db = {self.backscatter_db} of {self.name}; give {NO_ECHO:g} to 40 dB re liver"

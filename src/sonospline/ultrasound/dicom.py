@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._extras import require
+from .._shown import size
 from ..io.files import regular_file
 from .frame import Frame
 
@@ -95,6 +96,11 @@ class Clip:
                 f"({region.spacing_mm[0]:.4g} if it was cropped)"
             )
         return region
+
+    def __repr__(self) -> str:
+        every = "" if self.frame_ms is None else f" every {self.frame_ms:g} ms"
+        frames, *shape = self.frames.shape
+        return f"Clip({frames} frames of {size(shape)} pixels{every}, {len(self.regions)} regions)"
 
 
 def read_dicom(path: str | PathLike[str]) -> Clip:

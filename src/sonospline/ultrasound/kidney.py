@@ -72,6 +72,9 @@ class KidneyPhantom:
         """Return the mechanical box's grid; the needle enters through its face ``z-``, the skin."""
         return Grid.covering(BOX_MM, nodes=nodes)
 
+    def __repr__(self) -> str:
+        return f"KidneyPhantom({self.phantom!r}, {', '.join(self.targets)})"
+
 
 def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool = False) -> KidneyPhantom:
     """Return the phantom.

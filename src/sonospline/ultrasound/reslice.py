@@ -122,3 +122,6 @@ class Reslicer:
         if np.issubdtype(self.volume.voxels.dtype, np.integer):
             grey = np.rint(grey, out=grey)
         return Frame(grey.astype(self.volume.voxels.dtype, copy=False), plane, seen)
+
+    def __repr__(self) -> str:
+        return f"Reslicer({self.volume!r})"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _core, _memory, _validate
+from ..._shown import shown
 from ...fields.grid_field import GridField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
@@ -105,7 +106,7 @@ class ElasticSolver:
         integration: str = "mean_dilatation",
     ) -> None:
         if not isinstance(tissue, Tissue):
-            raise ValueError(f"tissue = {tissue!r} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
+            raise ValueError(f"tissue = {shown(tissue)} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
         self.tissue = tissue
         self.material = Material() if material is None else material
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)
@@ -166,7 +167,7 @@ class ElasticSolver:
             A load that is no force, or a needle outside the tissue.
         """
         if not isinstance(load, Load) or isinstance(load, ShaftDisplacement):
-            raise ValueError(f"load = {load!r} is not a force; give a LineForce (or a FiniteElementModel this load)")
+            raise ValueError(f"load = {shown(load)} is no force; give a LineForce (or a FiniteElementModel this load)")
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
         return nodal_load(load, needle, self.grid)
 
@@ -312,7 +313,7 @@ class ElasticSolver:
             return Moduli.uniform(self.grid, self.material)
         if isinstance(self.material, TissueMap):
             return self.material.moduli(self.grid)
-        raise ValueError(f"material = {self.material!r} is none; give a Material, or a TissueMap for labelled tissue")
+        raise ValueError(f"material = {shown(self.material)} is none; give a Material, or a TissueMap for labels")
 
     def _make_multigrid(self) -> Any:
         full = self.integration == "full"
@@ -324,6 +325,9 @@ class ElasticSolver:
             _HIGH_DEGREE if self.moduli.poissons_ratio > _HIGH_RATIO else _DEGREE,
             coarse_inverse(grids[-1], self.tissue, full),
         )
+
+    def __repr__(self) -> str:
+        return f"ElasticSolver({self.grid!r}, free face {self.tissue.entry_face})"
 
 
 def _wanted(state: ElasticState, tolerance: float) -> int:

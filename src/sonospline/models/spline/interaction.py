@@ -72,6 +72,9 @@ class NeedleTissueModel:
     tip_radius: float
     tip_length: float
 
+    def __repr__(self) -> str:
+        return f"NeedleTissueModel({', '.join(f'{name}={value:.4g}' for name, value in vars(self).items())})"
+
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
@@ -226,6 +229,9 @@ class History:
         reached = depth * (1 + _TIE)
         displaced = np.where((self.along[first] <= reached)[:, None], self.passed[first], self.pushed[first])
         return np.where((self.wakes[first] <= reached)[:, None], displaced, 0.0)
+
+    def __repr__(self) -> str:
+        return f"History({len(self.along)} points)"
 
 
 def _beside_shaft(seen: Projection, model: NeedleTissueModel, depth: float) -> NDArray[np.bool_]:

@@ -60,6 +60,9 @@ class LandmarkPlan:
         """Return how many landmarks are displaced at a depth: the first ones of the list."""
         return self.history.awake(depth)
 
+    def __repr__(self) -> str:
+        return f"LandmarkPlan({len(self.nodes)} landmarks)"
+
 
 def plan_landmarks(tissue: Tissue, needle: Needle, model: NeedleTissueModel, *, max_landmarks: int) -> LandmarkPlan:
     """Choose at most ``max_landmarks`` nodes around a needle's axis.

@@ -153,6 +153,9 @@ class PolyharmonicSpline:
         self._begin(kernel, diagonal, frame, base, points.copy(), np.concatenate([corners, others]))
         self._factor(points[others], self.points, since=0)
 
+    def __repr__(self) -> str:
+        return f"PolyharmonicSpline({len(self.points)} landmarks, {type(self.kernel).__name__})"
+
     @classmethod
     def pinning_faces(
         cls,

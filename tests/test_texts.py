@@ -1,0 +1,241 @@
+"""No public object dumps an array: neither its text nor an error is long."""
+
+import importlib
+import inspect
+import pickle
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from sonospline import fem, fields, geometry, mechanics, models, simulator, ultrasound
+from sonospline.geometry import layered_block
+from sonospline.models import elastic, spline
+
+PACKAGES = [
+    importlib.import_module(f"sonospline{name}")
+    for name in (
+        *("", ".geometry", ".fields", ".mechanics", ".models", ".models.elastic", ".models.spline"),
+        *(".models.kelvinlet", ".ultrasound", ".fem", ".simulator"),
+    )
+]
+LONGEST = 200
+
+GRID = ss.Grid(shape=(40, 50, 60), spacing=1.234567, origin=(1 / 3, 2 / 3, 1), direction=np.eye(3)[[1, 2, 0]])
+BOX = ss.Tissue(ss.Grid(shape=(25, 25, 25), spacing=4))
+NEEDLE = ss.Needle((0, 48.3333333, 48), (200 / 3, 48, 48))
+NAMES = {1: "liver", 2: "skin"}
+LABELS = ss.LabelMap(
+    voxels=np.random.default_rng(0).integers(0, 3, (60, 50, 40)).astype(np.uint8), spacing=(2, 2, 2), names=NAMES
+)
+POSE = ss.facing((50, 50, 1), depth=(0, 0.1, 1), right=(1, 0, 0))
+TISSUES = mechanics.TissueMap.of(LABELS)
+PHANTOM = ss.Phantom.uniform("liver", size_mm=(60, 20, 60))
+REGION = ultrasound.Region(0, 0, 399, 499, (1 / 3, 1 / 3))
+PROBE = ss.Probe.linear(depth_mm=30, lines=64)
+
+
+def insertion():
+    made = ss.Insertion(BOX)
+    made.advance(NEEDLE)
+    return made
+
+
+def incremental():
+    made = ss.Insertion(BOX, ss.NeedleTissueModel.paper_incremental(100.0), accumulation="incremental")
+    made.advance(NEEDLE)
+    return made
+
+
+def made_elastic():
+    made = ss.ElasticInsertion(BOX, TISSUES, nodes=13**3)
+    made.advance(NEEDLE)
+    return made
+
+
+def plan():
+    return spline.plan_landmarks(BOX, NEEDLE, ss.NeedleTissueModel.paper(100.0), max_landmarks=500)
+
+
+def frame():
+    return ss.Frame.placed(np.zeros((400, 300), np.uint8), spacing_mm=0.1, probe_to_reference=POSE)
+
+
+def session():
+    return ss.Session("cube", model="kelvinlet")
+
+
+MAKERS = {
+    ss.AcousticTissue: lambda: ultrasound.TISSUES["kidney cortex"],
+    ss.BMode: lambda: ss.Scanner(PHANTOM, PROBE, POSE).render(),
+    ss.Biharmonic: ss.Biharmonic,
+    ss.ComposedField: lambda: incremental().field,
+    ss.Display: ss.Display,
+    ss.DragModel: ss.DragModel.kelvinlet,
+    ss.ElasticInsertion: made_elastic,
+    ss.Frame: frame,
+    ss.Grid: lambda: GRID,
+    ss.GridField: lambda: ss.GridField.of(insertion().field),
+    ss.ImagePlane: lambda: frame().plane,
+    ss.ImageWarp: lambda: ss.ImageWarp.of(insertion().field),
+    ss.Insertion: insertion,
+    ss.InverseReport: lambda: insertion().field.inverse(BOX.grid.points[:5000], return_report=True)[1],
+    ss.Kelvinlet: lambda: ss.DragModel.kelvinlet(100 / 3).kernel,
+    ss.KelvinletField: lambda: ss.KelvinletInsertion(BOX).tissue_model.solve(NEEDLE),
+    ss.KelvinletInsertion: lambda: ss.KelvinletInsertion(BOX),
+    ss.KernelField: lambda: insertion().field,
+    ss.LabelMap: lambda: LABELS,
+    ss.LineForce: ss.LineForce,
+    ss.Material: ss.Material,
+    ss.MaterialTable: ss.MaterialTable.assumed,
+    ss.Needle: lambda: NEEDLE,
+    ss.NeedleEcho: ss.NeedleEcho.trocar,
+    ss.NeedleForce: lambda: models.NeedleForce.along((0, 0, 1), np.full(3, 1 / 3)),
+    ss.NeedleTissueModel: lambda: ss.NeedleTissueModel.paper(100 / 3),
+    ss.Phantom: lambda: PHANTOM,
+    ss.PolyharmonicSpline: lambda: ss.PolyharmonicSpline(np.random.default_rng(0).random((500, 3))),
+    ss.Probe: lambda: PROBE,
+    ss.Reslicer: lambda: ss.Reslicer(layered_block()),
+    ss.Response: lambda: made_elastic().response,
+    ss.Scanner: lambda: ss.Scanner(PHANTOM, PROBE, POSE),
+    ss.Session: session,
+    ss.Simulation: lambda: ss.Simulation(BOX, model="paper"),
+    ss.State: lambda: ss.KelvinletInsertion(BOX).state,
+    ss.Tissue: lambda: BOX,
+    ss.TissueForce: lambda: ss.TissueForce(tissues=TISSUES),
+    ss.TissueMap: lambda: TISSUES,
+    ss.Triharmonic: ss.Triharmonic,
+    ss.Volume: lambda: ss.Volume(voxels=np.zeros((200, 20, 30)), spacing=(1 / 3, 1 / 7, 2), origin=(1 / 3, 1 / 7, 2)),
+    geometry.Projection: lambda: NEEDLE.project(BOX.grid.points),
+    fields.NodeSlice: lambda: fields.NodeSlice.of(insertion().field, at=40),
+    fields.PlaneSlice: lambda: fields.PlaneSlice.of(insertion().field, frame().plane),
+    fields.Strain: lambda: made_elastic().largest_strain(),
+    mechanics.AxialForce: lambda: ss.TissueForce(tissues=TISSUES).along(NEEDLE),
+    mechanics.Moduli: lambda: TISSUES.moduli(ss.Grid(shape=(30, 30, 30), spacing=2)),
+    mechanics.ShaftDisplacement: mechanics.ShaftDisplacement,
+    models.ElasticModel: lambda: made_elastic().tissue_model,
+    models.ElasticSolver: lambda: made_elastic().solver,
+    models.Identity: lambda: made_elastic().state.model,
+    models.KelvinletModel: lambda: ss.KelvinletInsertion(BOX).tissue_model,
+    models.ModelSpec: lambda: models.spec("elastic"),
+    models.NeedleInsertion: lambda: models.NeedleInsertion(models.make("kelvinlet", BOX)),
+    models.Option: lambda: models.spec("elastic").options[0],
+    models.SplineModel: lambda: insertion().tissue_model,
+    models.UnknownForces: lambda: insertion().response.forces,
+    elastic.ElasticState: lambda: made_elastic().solution,
+    elastic.ElasticTissueState: lambda: made_elastic().state,
+    spline.History: lambda: plan().history,
+    spline.LandmarkPlan: plan,
+    spline.SplineState: lambda: incremental().state,
+    ultrasound.Clip: lambda: ultrasound.Clip(
+        np.zeros((50, 40, 30), np.uint8), (ultrasound.Region(0, 0, 9, 9, (1, 1)),), 40
+    ),
+    ultrasound.KidneyPhantom: lambda: ss.kidney_phantom(spacing_mm=3),
+    ultrasound.Region: lambda: REGION,
+    fem.FiniteElementModel: lambda: fem.FiniteElementModel(BOX),
+    fem.StepTimes: lambda: fem.StepTimes(*[1 / 3] * len(fem.StepTimes._fields)),
+    simulator.Console: lambda: simulator.Console(session()),
+    simulator.ConsoleFrame: lambda: simulator.Console(session()).step(),
+    simulator.NeedleCommand: lambda: simulator.Console(session()).command.needle,
+    simulator.ProbeCommand: lambda: simulator.Console(session()).command.probe,
+    simulator.ImageSettings: lambda: simulator.Console(session()).command.image,
+    simulator.Readouts: lambda: session().step().readouts,
+    simulator.Scene: lambda: session().scene,
+    simulator.SimulatedFrame: lambda: session().step(),
+}
+LEFT_OUT = {
+    *(simulator.Command, simulator.Knobs, simulator.SceneFile, simulator.Constrained),  # settings, all of them scalars
+    *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays
+}
+
+
+def public_classes():
+    for package in PACKAGES:
+        for name in package.__all__:
+            found = getattr(package, name)
+            if inspect.isclass(found) and not issubclass(found, BaseException) and not inspect.isabstract(found):
+                yield found
+
+
+def test_every_public_class_is_looked_at():
+    missing = {found.__qualname__ for found in public_classes()} - {
+        known.__qualname__ for known in {*MAKERS, *LEFT_OUT}
+    }
+    assert not missing
+
+
+@pytest.mark.parametrize("kind", MAKERS, ids=lambda kind: kind.__name__)
+def test_its_text_is_one_short_line(kind, tmp_path, monkeypatch):
+    monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path))
+    value = MAKERS[kind]()
+    assert type(value) is kind or issubclass(type(value), kind)
+    text = repr(value)
+    assert len(text) < LONGEST
+    assert len(text.splitlines()) == 1
+    assert text.startswith(kind.__name__ if type(value) is kind else type(value).__name__)
+    assert "array" not in text
+    assert "object at 0x" not in text
+
+
+HUGE = np.random.default_rng(0).random((300, 300))
+WRONG = {
+    "Needle": lambda: ss.Needle(HUGE, (0, 0, 0)),
+    "Needle text": lambda: ss.Needle("x" * 5000, (0, 0, 0)),
+    "Grid shape": lambda: ss.Grid(shape=HUGE, spacing=1),
+    "Grid spacing": lambda: ss.Grid(shape=(5, 5, 5), spacing=HUGE),
+    "Grid direction": lambda: ss.Grid(shape=(5, 5, 5), spacing=1, direction=HUGE),
+    "Grid direction list": lambda: ss.Grid(shape=(5, 5, 5), spacing=1, direction=HUGE.tolist()),
+    "Tissue": lambda: ss.Tissue(HUGE),
+    "entry_face": lambda: ss.Tissue(GRID, HUGE),
+    "entry_face text": lambda: ss.Tissue(GRID, "x" * 5000),
+    "facing": lambda: ss.facing(HUGE, depth=(0, 0, 1), right=(1, 0, 0)),
+    "ImagePlane": lambda: ss.ImagePlane(image_to_reference=HUGE, shape=(5, 5), spacing_mm=1),
+    "ImagePlane NaN": lambda: ss.ImagePlane(image_to_reference=np.full((4, 4), np.nan), shape=(5, 5), spacing_mm=1),
+    "ImagePlane shape": lambda: ss.ImagePlane(image_to_reference=POSE, shape=HUGE, spacing_mm=1),
+    "ImagePlane spacing": lambda: ss.ImagePlane(image_to_reference=POSE, shape=(5, 5), spacing_mm=HUGE),
+    "Volume": lambda: ss.Volume(voxels=HUGE, spacing=(1, 1, 1)),
+    "LabelMap": lambda: ss.LabelMap(voxels=HUGE[None].repeat(2, axis=0), spacing=(1, 1, 1)),
+    "Phantom": lambda: ss.Phantom(HUGE, {}),
+    "Scanner": lambda: ss.Scanner(HUGE, PROBE, POSE),
+    "Scanner probe": lambda: ss.Scanner(PHANTOM, HUGE, POSE),
+    "Scanner pose": lambda: ss.Scanner(PHANTOM, PROBE, HUGE),
+    "render": lambda: ss.Scanner(PHANTOM, PROBE, POSE).render(HUGE),
+    "Reslicer": lambda: ss.Reslicer(HUGE),
+    "Probe": lambda: ss.Probe.linear(depth_mm=HUGE),
+    "Probe kind": lambda: ss.Probe(kind="x" * 5000, frequency_mhz=5, depth_mm=50, aperture_mm=30),
+    "Insertion": lambda: ss.Insertion(HUGE),
+    "Simulation": lambda: ss.Simulation(HUGE),
+    "Simulation materials": lambda: ss.Simulation(BOX, materials=HUGE),
+    "Simulation labels": lambda: ss.Simulation(LABELS, materials=HUGE),
+    "ElasticInsertion": lambda: ss.ElasticInsertion(BOX, HUGE),
+    "TissueMap": lambda: ss.TissueMap(HUGE, {}),
+    "TissueForce": lambda: ss.TissueForce(tissues=HUGE),
+    "Material": lambda: ss.Material(HUGE),
+    "GridField": lambda: ss.GridField(GRID, HUGE),
+    "GridField order": lambda: ss.GridField(GRID, np.zeros((*GRID.shape, 3)), order=HUGE),
+    "points": lambda: insertion().field.displacement(HUGE),
+    "step": lambda: insertion().tissue_model.step(HUGE),
+    "needles": lambda: insertion().tissue_model.step(insertion().tissue_model.rest, {"needle": HUGE}),
+    "advance": lambda: insertion().advance(HUGE),
+    "read_labels": lambda: ss.read_labels("x" * 260 + ".nrrd"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_an_error_is_one_short_line(name):
+    with pytest.raises(ValueError) as error:
+        WRONG[name]()
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    assert len(text) < 400
+
+
+def test_a_notebook_shows_pictures():
+    image = ss.Scanner(PHANTOM, PROBE, POSE).render()
+    shown = image._repr_png_()
+    assert shown == image.frame._repr_png_()
+    pillow = pytest.importorskip("PIL.Image", reason="needs the extra 'plot'")
+    from io import BytesIO
+
+    assert np.array_equal(np.asarray(pillow.open(BytesIO(shown))), image.pixels)
+    assert pickle.loads(pickle.dumps(image.frame))._repr_png_() == shown
