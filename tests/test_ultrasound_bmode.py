@@ -235,3 +235,23 @@ def test_scanners_that_differ_in_display_share_what_was_computed_and_do_not_dist
     first = scanner.render(field).iq
     louder.render()  # on another lattice
     assert np.array_equal(scanner.render(field).iq, first)
+
+
+def test_an_image_that_fails_leaves_no_trace_in_the_next(monkeypatch):
+    """Scatterers are chosen anew for a large displacement; where that fails, they are the next time."""
+
+    def pushed(mm):
+        values = np.zeros((*grid.shape, 3), np.float32)
+        values[..., 1] = mm
+        return ss.GridField(grid, values)
+
+    phantom, grid = Phantom.uniform("liver", size_mm=(40, 30, 40)), ss.Grid(shape=(9, 7, 9), spacing=5.0)
+    scanner = Scanner(phantom, LINEAR, facing((20, 15, 2), depth=(0, 0, 1), right=(1, 0, 0)), margin_mm=2.0)
+    fresh = Scanner(phantom, LINEAR, scanner.probe_to_reference, margin_mm=2.0)
+    scanner.render(pushed(1.0))
+    with monkeypatch.context() as broken:
+        broken.setattr("sonospline.ultrasound.synthesis.aim", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            scanner.render(pushed(9.0))
+    assert np.array_equal(scanner.render(pushed(9.0)).iq, fresh.render(pushed(9.0)).iq)
+    assert np.array_equal(scanner.render(pushed(1.0)).iq, fresh.render(pushed(1.0)).iq)

@@ -256,13 +256,13 @@ class Scanner:
     def _aim(self, grid: Grid, largest_mm: float) -> None:
         """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
         aimed = self._aimed
-        if largest_mm > aimed.margin_mm:
-            aimed.margin_mm = 1.5 * largest_mm
-        seen = aim(self.phantom, self.optics, self.probe_to_reference, grid, aimed.margin_mm, self.seed)
+        margin = 1.5 * largest_mm if largest_mm > aimed.margin_mm else aimed.margin_mm
+        seen = aim(self.phantom, self.optics, self.probe_to_reference, grid, margin, self.seed)
         if not len(seen.frames):
             logger.warning("the probe sees nothing: its plane misses the phantom, or all of it is fluid")
+        aimed.grid = None  # should the plan fail half way, the next image aims anew
         aimed.plan.aim(*seen)
-        aimed.grid = grid
+        aimed.grid, aimed.margin_mm = grid, margin
 
     @cached_property
     def _still(self) -> GridField:
