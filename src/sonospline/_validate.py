@@ -77,6 +77,20 @@ def count(name: str, value: int, *, least: int = 1, most: int | None = None) -> 
     return int(value)
 
 
+def flag(name: str, value: bool) -> bool:
+    """Return ``value`` where it is True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} = {shown(value)} is neither true nor false; give one of them")
+    return bool(value)
+
+
+def text(name: str, value: str) -> str:
+    """Return ``value`` where it is a text."""
+    if not isinstance(value, str):
+        raise ValueError(f"{name} = {shown(value)} is not a text; give one")
+    return value
+
+
 def choice(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value`` where it is one of ``allowed``."""
     options = tuple(allowed)

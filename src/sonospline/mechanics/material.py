@@ -1,8 +1,14 @@
-"""What tissue is made of: a linear elastic, isotropic solid, and what a needle in it meets."""
+"""What tissue is made of: a linear elastic, isotropic solid, and what a needle in it meets.
+
+A property is described once, here: its check, its key in tables, the errors about it and its line in the docs follow.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
+from typing import Any
 
 from .. import _validate
 
@@ -10,35 +16,33 @@ FLUID_SHEAR = 0.01
 """A fluid keeps its first modulus and this share of the second: it shears freely, at constant volume."""
 
 
+def _about(help: str, check: Callable[[str, Any], Any]) -> dict[str, Any]:
+    """What is to be known of a property: what it is, and the check that returns its value or raises ValueError."""
+    return {"help": help, "check": check}
+
+
+def _ratio(name: str, value: float) -> float:
+    ratio = _validate.number(name, value)
+    if ratio >= 0.5:
+        raise ValueError(
+            f"{name} = {ratio:g} is out of range; tissue that cannot change its volume has no displacement "
+            "formulation, give less than 0.5, e.g. 0.49, or fluid = true"
+        )
+    return ratio
+
+
 @dataclass(frozen=True)
 class Material:
     """One tissue: its stiffness in small strain, and what a needle in it meets.
 
-    A field here is all a new property needs beside its effect: tables of materials, their error
-    messages and their documentation follow from these.
-
     Parameters
     ----------
-    stiffness_kpa : float, default: 1.0
-        Young's modulus E, above zero. With lengths in mm forces are in mN; studies of the unit
-        cube leave it at 1.
-    poissons_ratio : float, default: 0.45
-        nu, at or above zero and below 0.5; live solvers take at most 0.49.
-    friction_n_per_mm : float, default: 0.03
-        Force per length along a shaft, at or above zero.
-    cutting_force_n : float, default: 0.7
-        Force at an advancing tip, at or above zero.
-    rigid : bool, default: False
-        Bone: a cell is all bone where most of it is, and else none. Mixing would smear it.
-    fluid : bool, default: False
-        A hundredth of the shear modulus with the compressibility kept.
-    source : str, default: "assumed"
-        Where the values come from.
+    {parameters}
 
     Raises
     ------
     ValueError
-        A value out of range.
+        A value out of range, or of another kind.
 
     Examples
     --------
@@ -49,23 +53,37 @@ class Material:
     [18.621, 2.069]
     """
 
-    stiffness_kpa: float = 1.0
-    poissons_ratio: float = 0.45
-    friction_n_per_mm: float = 0.03
-    cutting_force_n: float = 0.7
-    rigid: bool = False
-    fluid: bool = False
-    source: str = "assumed"
+    stiffness_kpa: float = field(
+        default=1.0,
+        metadata=_about(
+            "Young's modulus E, above zero. With lengths in mm forces are in mN; the unit cube of studies has 1.",
+            partial(_validate.number, positive=True),
+        ),
+    )
+    poissons_ratio: float = field(
+        default=0.45, metadata=_about("nu, at or above zero and below 0.5; live solvers take at most 0.49.", _ratio)
+    )
+    friction_n_per_mm: float = field(
+        default=0.03, metadata=_about("Force per length along a shaft, at or above zero.", _validate.number)
+    )
+    cutting_force_n: float = field(
+        default=0.7, metadata=_about("Force at an advancing tip, at or above zero.", _validate.number)
+    )
+    rigid: bool = field(
+        default=False,
+        metadata=_about(
+            "Bone: a cell is all bone where most of it is, and else none. Mixing would smear it.", _validate.flag
+        ),
+    )
+    fluid: bool = field(
+        default=False,
+        metadata=_about("A hundredth of the shear modulus with the compressibility kept.", _validate.flag),
+    )
+    source: str = field(default="assumed", metadata=_about("Where the values come from.", _validate.text))
 
     def __post_init__(self) -> None:
-        for name in ("stiffness_kpa", "poissons_ratio", "friction_n_per_mm", "cutting_force_n"):
-            value = _validate.number(name, getattr(self, name), positive=name == "stiffness_kpa")
-            object.__setattr__(self, name, value)
-        if self.poissons_ratio >= 0.5:
-            raise ValueError(
-                f"poissons_ratio = {self.poissons_ratio:g} is out of range; tissue that cannot change its volume has "
-                "no displacement formulation, give less than 0.5, e.g. 0.49, or fluid = true"
-            )
+        for known in fields(self):
+            object.__setattr__(self, known.name, known.metadata["check"](known.name, getattr(self, known.name)))
 
     @property
     def shear_modulus(self) -> float:
@@ -83,3 +101,17 @@ class Material:
     def lame_moduli(self) -> tuple[float, float]:
         """First and second Lamé parameter in kPa."""
         return self.first_lame, self.shear_modulus
+
+
+def parameters(material: type[Material]) -> str:
+    """Return the properties as numpydoc lists parameters."""
+    described = []
+    for known in fields(material):
+        kind = getattr(known.type, "__name__", known.type)
+        default = "" if known.default is MISSING else f", default: {known.default!r}"
+        described.append(f"{known.name} : {kind}{default}\n        {known.metadata['help']}")
+    return "\n    ".join(described)
+
+
+if Material.__doc__:  # python -OO leaves it out
+    Material.__doc__ = Material.__doc__.replace("{parameters}", parameters(Material))
