@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sonospline as ss
-from sonospline.commands import image
 from sonospline.geometry.label_map import LabelMap
 from sonospline.geometry.volume import Volume
 from sonospline.io.labels import names_beside, names_of
@@ -22,6 +21,7 @@ from sonospline.simulator import SceneFile
 from sonospline.ultrasound import Phantom
 from sonospline.ultrasound.acoustics import read_table
 from sonospline.ultrasound.organs import phantom_from_organs
+from sonospline.ultrasound.phantom_file import read_phantom
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
@@ -45,10 +45,7 @@ def by_insert(path):
 
 
 def by_image(path):
-    arguments = image.argparse.ArgumentParser()
-    image.add_arguments(arguments)
-    given = arguments.parse_args(["--labels", str(path), "--names", str(names_beside(path)), "--out", "."])
-    return image._scene(given).labels
+    return read_phantom(path, names=names_beside(path)).labels
 
 
 def by_serve(path):
@@ -382,3 +379,8 @@ def test_a_number_is_a_label_where_it_is_within_a_thousandth_of_one(label, off, 
     else:
         with pytest.raises(ValueError, match="a voxel of"):
             LabelMap.of(volume)
+
+
+def test_a_phantom_is_read_with_a_table_or_with_names(tmp_path):
+    with pytest.raises(ValueError, match=r"needs table \(acoustic properties\) or names \(organ names\), one of them"):
+        read_phantom(tmp_path / "organs.nrrd")

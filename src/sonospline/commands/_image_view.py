@@ -14,15 +14,12 @@ from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
 from ..geometry.pose import facing
-from ..io.labels import labels_named, read_labels, warn_of_labels
-from ..io.tables import read_names
+from ..io.labels import warn_of_labels
 from ..io.volumes import read_volume
-from ..ultrasound.acoustics import read_table
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
-from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
-from ..ultrasound.phantom import LARGEST_LABEL, Phantom
+from ..ultrasound.phantom_file import read_phantom
 from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.synthesis import Display, Scanner
@@ -69,9 +66,10 @@ def _scanned(args: argparse.Namespace) -> View:
         phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_to_reference
         needle = kidney.needle if needle is None else needle
     else:
-        phantom = _phantom(args)
-        lattice = phantom.labels.lattice
-        grid = Grid.covering(lattice.extent, nodes=args.nodes, origin=lattice.origin, direction=lattice.direction)
+        if (args.table is None) == (args.names is None):
+            raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
+        phantom = read_phantom(args.labels, table=args.table, names=args.names, ct=args.ct)
+        grid = phantom.labels.grid(args.nodes)
         if args.origin is None:
             raise ValueError("--origin is missing; give the middle of the probe's face, X,Y,Z (RAS mm)")
     if args.origin is not None:
@@ -80,19 +78,6 @@ def _scanned(args: argparse.Namespace) -> View:
     display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range)
     scanner = Scanner(phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
     return View(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
-
-
-def _phantom(args: argparse.Namespace) -> Phantom:
-    if (args.table is None) == (args.names is None):
-        raise ValueError("--labels needs --table (acoustic properties) or --names (organ names), one of them")
-    if args.table is not None:
-        labels, table = read_labels(args.labels, largest=LARGEST_LABEL), read_table(args.table)
-        with labels_named(args.labels):
-            return Phantom(labels, table)
-    labels, names = read_labels(args.labels, largest=LARGEST_ORGAN), read_names(args.names)
-    ct = None if args.ct is None else read_volume(args.ct, name="ct")
-    with labels_named(args.labels):
-        return phantom_from_organs(labels, names, ct=ct)
 
 
 def _direction(args: argparse.Namespace, name: str, default: str) -> Array:
