@@ -16,5 +16,6 @@ class CapabilityError(ValueError):
         self.model, self.capability, self.able, self.asked = self.args
 
     def __str__(self) -> str:
-        others = " or ".join(f"model = {name!r}" for name in self.able) or "a model that can"
-        return f"model = {self.model!r} cannot do {self.capability}{self.asked and f' ({self.asked})'}; use {others}"
+        others = " or ".join(f"model = {name!r}" for name in self.able)
+        remedy = f"use {others}" if others else "no model here can, leave it out"
+        return f"model = {self.model!r} cannot do {self.capability}{self.asked and f' ({self.asked})'}; {remedy}"

@@ -101,7 +101,7 @@ class NeedleForce(ByValue):
 
 
 class UnknownForces(Mapping[str, NeedleForce]):
-    """The forces of a model that knows none: empty, and whoever asks for one is told which models do."""
+    """The forces of a model that knows none: empty, and whoever asks for one learns which models do."""
 
     def __init__(self, model: str) -> None:
         self._model = model

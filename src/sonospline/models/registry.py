@@ -53,7 +53,7 @@ class ModelSpec:
         ``maker(tissue, materials, **options)`` makes the :class:`TissueModel`; ``materials`` is a Material, or a
         TissueMap where the model knows ``"labels"``.
     options : tuple of Option
-        What it can be told.
+        What can be chosen about it.
     capabilities : frozenset of str
         What it can do, of :data:`~sonospline.models.CAPABILITIES`.
     properties : tuple of str

@@ -37,8 +37,9 @@ class ElasticTissueState(State):
 class ElasticModel(TissueModel):
     """Linear elastic tissue under the friction and the tip force of needles, in mm, kPa and N.
 
-    A step iterates until the error estimate is at most ``tolerance`` or ``budget`` iterations are
-    done, so that a field depends little on the steps that led to it; each field says how little.
+    Quasi-static: the answer is that of the pose, whatever the time. A step iterates until the error
+    estimate is at most ``tolerance`` or ``budget`` iterations are done, so that a field depends
+    little on the steps that led to it; each field says how little.
     Tissue that is left alone comes to rest: further steps at the same pose go on to an error of
     5e-4 and then change nothing.
 
@@ -54,7 +55,7 @@ class ElasticModel(TissueModel):
         Nodes of the solver's grid, about.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
-    tolerance : float, default: 0.02
+    tolerance : float, default: 0.03
         Error estimate, relative to the field, at which a step ends.
     budget : int, default: 12
         Iterations of a step, at most.
@@ -78,7 +79,7 @@ class ElasticModel(TissueModel):
     """
 
     name = "elastic"
-    capabilities = frozenset({"forces", "time", "labels", "several needles"})
+    capabilities = frozenset({"forces", "labels", "several needles"})
 
     def __init__(
         self,
@@ -167,7 +168,7 @@ def _make(
 SPEC = ModelSpec(
     name="elastic",
     title="Elastic",
-    summary="live finite elements on label maps, in N, kPa and s",
+    summary="live finite elements on label maps, in N and kPa",
     maker=_make,
     options=(
         Option(name="solver_nodes", kind="whole", default=25**3, low=8, high=10**10, live=(1000, 200_000),

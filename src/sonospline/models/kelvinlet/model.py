@@ -98,7 +98,7 @@ class KelvinletModel(TissueModel):
         )
 
     def facts(self, response: Response) -> dict[str, Any]:
-        """Landmarks and anchors, and what the model was told."""
+        """Landmarks and anchors, and the model's parameters."""
         landmarks = sum(len(self.landmarks(needle)) for _, needle in response.state.needles)
         return {"landmarks": landmarks, "anchors": len(self.anchors), "model_mm": asdict(self.drag)}
 

@@ -139,7 +139,7 @@ class SplineModel(TissueModel):
         return len(field.centres) - len(self.anchors) if isinstance(field, KernelField) else 0
 
     def facts(self, response: Response) -> dict[str, Any]:
-        """Landmarks and anchors, and what the model was told."""
+        """Landmarks and anchors, and the model's parameters."""
         return {
             "landmarks": self.landmark_count(response),
             "anchors": len(self.anchors),
