@@ -90,8 +90,8 @@ def test_a_probe_or_look_more_is_one_line_of_its_table():
     said = run(
         """
 from sonospline.server.server_messages import SceneMessage
-from sonospline.simulator import SceneFile, Session, scene_schema
-session = Session(SceneFile.parse('''name = "x"
+from sonospline.simulator import Console, SceneFile, Session, scene_schema
+console = Console(Session(SceneFile.parse('''name = "x"
 [tissue]
 source = "gel block"
 voxel_mm = 1.0
@@ -103,9 +103,9 @@ kind = "endocavity"
 frequency_mhz = 3.0
 depth_mm = 40.0
 lines = 64
-'''), model="paper")
-beams = SceneMessage.of("x", session).probe.beams
-print(session.step().image.pixels.std() > 5, round(beams[-1][0], 2), round(beams[-1][3], 3))
+'''), model="paper"))
+beams = SceneMessage.of("x", console).probe.beams
+print(console.step().image.pixels.std() > 5, round(beams[-1][0], 2), round(beams[-1][3], 3))
 parts = scene_schema()["$defs"]
 print("endocavity" in parts["ProbePart"]["properties"]["kind"]["enum"])
 print("blunt" in parts["NeedlePart"]["properties"]["look"]["enum"])
