@@ -5,7 +5,7 @@ import numpy as np
 import sonospline as ss
 
 tissue = ss.Tissue(ss.Grid.unit_cube(25), entry_face="x-")
-path = {"entry": (0, 0.4, 0.6), "target": (0.6, 0.5, 0.5), "steps": 20}
+entry, target = (0, 0.4, 0.6), (0.6, 0.5, 0.5)
 
 readings = {
     "largest displacement so far, from the reference": ss.Insertion(tissue),
@@ -14,7 +14,7 @@ readings = {
         tissue, ss.NeedleTissueModel.paper_incremental(), accumulation="incremental"
     ),
 }
-fields = {name: list(insertion.run(**path))[-1] for name, insertion in readings.items()}
+fields = {name: list(insertion.run(entry, target, steps=20))[-1] for name, insertion in readings.items()}
 mean_displacement = {
     name: float(np.linalg.norm(field.on_grid()[~tissue.pinned], axis=-1).mean()) for name, field in fields.items()
 }

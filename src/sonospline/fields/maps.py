@@ -77,7 +77,14 @@ class FieldMaps(ABC):
         return (x + self.displacement(x)).reshape(*shape, 3)
 
     @overload
-    def inverse(self, points: ArrayLike, *, tolerance: float | None = ..., max_iterations: int = ...) -> Array: ...
+    def inverse(
+        self,
+        points: ArrayLike,
+        *,
+        tolerance: float | None = ...,
+        max_iterations: int = ...,
+        return_report: Literal[False] = ...,
+    ) -> Array: ...
     @overload
     def inverse(
         self,

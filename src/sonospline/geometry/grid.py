@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 
@@ -19,7 +20,7 @@ FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 """Faces of a grid: lattice axis, then the side of its first (-) or last (+) node."""
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Grid(ByValue):
     """A regular lattice of nodes with a position and an orientation in the world.
 
@@ -56,20 +57,27 @@ class Grid(ByValue):
 
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-    direction: Array = field(default_factory=lambda: np.eye(3))
+    origin: Array
+    direction: Array
 
-    def __post_init__(self) -> None:
-        if np.shape(self.shape) != (3,):
-            raise ValueError(f"shape = {shown(self.shape)} is not three whole numbers; give nodes along x, y, z")
-        spacing = np.ravel(self.spacing)
-        if spacing.size not in (1, 3):
-            raise ValueError(f"spacing = {shown(self.spacing)} is not one or three numbers; give mm along x, y, z")
+    def __init__(
+        self,
+        *,
+        shape: Sequence[int],
+        spacing: float | Sequence[float] | Array,
+        origin: ArrayLike = (0, 0, 0),
+        direction: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ) -> None:
+        if np.shape(shape) != (3,):
+            raise ValueError(f"shape = {shown(shape)} is not three whole numbers; give nodes along x, y, z")
+        sides = np.ravel(spacing)
+        if sides.size not in (1, 3):
+            raise ValueError(f"spacing = {shown(spacing)} is not one or three numbers; give mm along x, y, z")
         set_ = object.__setattr__
-        set_(self, "shape", tuple(_validate.count("shape", n, least=2) for n in self.shape))
-        set_(self, "spacing", tuple(_validate.number("spacing", h, positive=True) for h in np.broadcast_to(spacing, 3)))
-        set_(self, "origin", _validate.vector("origin", self.origin))
-        set_(self, "direction", _orthonormal(self.direction))
+        set_(self, "shape", tuple(_validate.count("shape", n, least=2) for n in shape))
+        set_(self, "spacing", tuple(_validate.number("spacing", h, positive=True) for h in np.broadcast_to(sides, 3)))
+        set_(self, "origin", _validate.vector("origin", origin))
+        set_(self, "direction", _orthonormal(direction))
 
     def __repr__(self) -> str:
         at = f", origin {place(self.origin)}" if self.origin.any() else ""
@@ -115,9 +123,9 @@ class Grid(ByValue):
         shape = _balanced_shape(sides, nodes)
         return cls(
             shape=shape,
-            spacing=tuple(sides / (np.array(shape) - 1)),
-            origin=np.asarray(origin, float),
-            direction=np.asarray(direction, float),
+            spacing=sides / (np.array(shape) - 1),
+            origin=origin,
+            direction=direction,
         )
 
     @property

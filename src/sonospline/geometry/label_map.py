@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ HALF = 0.5 + 1e-6
 """Voxels from the centre of the last one to its border, and rounding."""
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class LabelMap(Volume):
     """Whole numbers at or above zero on a lattice; 0 is background, also beyond the last voxel.
 
@@ -51,16 +52,24 @@ class LabelMap(Volume):
     ([7, 0], LabelMap(4 x 4 x 4, 1.0 mm, 1 label))
     """
 
-    names: Mapping[int, str] = field(default_factory=dict)
+    names: Mapping[int, str]
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def __init__(
+        self,
+        *,
+        voxels: NDArray[Any],
+        spacing: float | Sequence[float] | NDArray[np.float64],
+        origin: ArrayLike = (0, 0, 0),
+        direction: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        names: Mapping[int, str] = MappingProxyType({}),
+    ) -> None:
+        super().__init__(voxels=voxels, spacing=spacing, origin=origin, direction=direction)
         if not np.issubdtype(self.voxels.dtype, np.integer):
             raise ValueError(f"voxels has type {self.voxels.dtype}; give whole numbers, or use LabelMap.of")
         if np.issubdtype(self.voxels.dtype, np.signedinteger) and self.voxels.min() < 0:
             raise ValueError(f"voxels has the value {self.voxels.min()}; give labels at or above zero")
 
-        object.__setattr__(self, "names", {int(label): str(name) for label, name in dict(self.names).items()})
+        object.__setattr__(self, "names", {int(label): str(name) for label, name in names.items()})
 
     @cached_property
     def present(self) -> tuple[int, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 _PARALLEL = 1e-9
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class ImagePlane(ByValue):
     """A rectangle of pixels with a pose.
 
@@ -49,17 +50,24 @@ class ImagePlane(ByValue):
     spacing_mm: tuple[float, float]
     corner_mm: tuple[float, float] = (0.0, 0.0)
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        *,
+        image_to_reference: ArrayLike,
+        shape: Sequence[int],
+        spacing_mm: float | Sequence[float],
+        corner_mm: Sequence[float] = (0.0, 0.0),
+    ) -> None:
         set_ = object.__setattr__
-        set_(self, "image_to_reference", pose.rigid("image_to_reference", self.image_to_reference))
-        if np.shape(self.shape) != (2,):
-            raise ValueError(f"shape = {shown(self.shape)} is not two whole numbers; give rows and columns")
-        set_(self, "shape", tuple(_validate.count("shape", n) for n in self.shape))
-        spacing = np.broadcast_to(np.ravel(self.spacing_mm), 2) if np.size(self.spacing_mm) in (1, 2) else ()
+        set_(self, "image_to_reference", pose.rigid("image_to_reference", image_to_reference))
+        if np.shape(shape) != (2,):
+            raise ValueError(f"shape = {shown(shape)} is not two whole numbers; give rows and columns")
+        set_(self, "shape", tuple(_validate.count("shape", n) for n in shape))
+        spacing = np.broadcast_to(np.ravel(spacing_mm), 2) if np.size(spacing_mm) in (1, 2) else ()
         if len(spacing) != 2:
-            raise ValueError(f"spacing_mm = {shown(self.spacing_mm)} is not one or two numbers; give mm along x and y")
+            raise ValueError(f"spacing_mm = {shown(spacing_mm)} is not one or two numbers; give mm along x and y")
         set_(self, "spacing_mm", tuple(_validate.number("spacing_mm", h, positive=True) for h in spacing))
-        set_(self, "corner_mm", tuple(_validate.real("corner_mm", c) for c in self.corner_mm))
+        set_(self, "corner_mm", tuple(_validate.real("corner_mm", c) for c in corner_mm))
 
     def __repr__(self) -> str:
         at = place(self.image_to_reference[:3, 3])
@@ -135,15 +143,15 @@ class ImagePlane(ByValue):
         cls,
         axes_to_reference: Array,
         *,
-        shape: tuple[int, int],
-        spacing_mm: tuple[float, float],
-        corner_mm: tuple[float, float],
+        shape: Sequence[int],
+        spacing_mm: float | Sequence[float],
+        corner_mm: Sequence[float],
     ) -> ImagePlane:
         """Return the plane whose axes lie in the world as given, its pixel (0, 0) at ``corner_mm`` of them.
 
         With a ``ProbeToReference`` these are the axes of a probe's picture.
         """
-        pixel = pose.shifted(axes_to_reference, *corner_mm)
+        pixel = pose.shifted(axes_to_reference, corner_mm[0], corner_mm[1])
         return cls(image_to_reference=pixel, shape=shape, spacing_mm=spacing_mm, corner_mm=corner_mm)
 
     @cached_property

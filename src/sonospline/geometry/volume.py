@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -20,7 +21,7 @@ _SAME = 0.01
 """Of a voxel, between two lattices that are one but for the rounding of file formats."""
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Volume(ByValue):
     """Voxels indexed (i, j, k) on a lattice in world coordinates (RAS, mm).
 
@@ -46,18 +47,27 @@ class Volume(ByValue):
 
     voxels: NDArray[Any]
     spacing: tuple[float, float, float]
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-    direction: Array = field(default_factory=lambda: np.eye(3))
+    origin: Array
+    direction: Array
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        *,
+        voxels: NDArray[Any],
+        spacing: float | Sequence[float] | Array,
+        origin: ArrayLike = (0, 0, 0),
+        direction: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ) -> None:
+        set_ = object.__setattr__
+        set_(self, "voxels", voxels)
         if self.voxels.ndim != 3 or min(self.voxels.shape) < 2:
             raise ValueError(
                 f"voxels has shape {self.voxels.shape}; give a 3-D image of at least 2 voxels along each axis"
             )
-        lattice = self.lattice  # checks the geometry
-        object.__setattr__(self, "spacing", lattice.spacing)
-        object.__setattr__(self, "origin", lattice.origin)
-        object.__setattr__(self, "direction", np.asarray(self.direction, float))
+        lattice = Grid(shape=voxels.shape, spacing=spacing, origin=origin, direction=direction)
+        set_(self, "spacing", lattice.spacing)
+        set_(self, "origin", lattice.origin)
+        set_(self, "direction", np.asarray(direction, float))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self._facts())})"

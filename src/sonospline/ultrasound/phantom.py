@@ -164,7 +164,7 @@ class Phantom(ByValue):
             best[window][wins] = fine[wins]
             winner[window][wins] = label
         spacing = tuple(h * (n - 1) / (m - 1) for h, n, m in zip(lattice.spacing, lattice.shape, shape, strict=True))
-        finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)  # type: ignore[arg-type]
+        finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)
         return Phantom(finer, self.tissues)
 
     def save(self, labels: str | PathLike[str], table: str | PathLike[str]) -> None:
