@@ -141,6 +141,25 @@ def test_one_that_raises_at_every_frame_hurts_nobody_and_is_told(console, caplog
     assert "a subscriber failed: no ink" in caplog.text
 
 
+def test_one_that_raises_at_errors_too_still_gets_every_frame(console, caplog):
+    recorder, gate = Taker(), threading.Event()
+
+    def record(frame, stamp):
+        gate.wait(60)
+        recorder(frame, stamp)
+
+    with Runner(console) as runner:
+        recording = runner.subscribe(record, on_error=lambda line: 1 / 0, capacity=2, when_full="refuse")
+        runner.subscribe(taker := Taker(), quick=True)
+        push(runner, taker, steps=10)
+        gate.set()
+        push(runner, taker, steps=3, first=11)
+        assert wait_for(lambda: len(recorder.frames) > 3)
+    assert recording.given == len(recorder.frames)
+    assert recording.given + recording.dropped == console.last.number + 1 - recorder.numbers[0]
+    assert "a subscriber failed at an error: division by zero" in caplog.text
+
+
 def test_one_that_cannot_say_whether_it_is_ready_gets_nothing_and_is_told(console):
     taker, broken, errors = Taker(), Taker(), []
     with Runner(console) as runner:

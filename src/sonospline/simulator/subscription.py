@@ -79,6 +79,7 @@ class Subscription:
         with self._changed:
             self._closed = True
             if not self._refuses:
+                self.dropped += len(self._frames)
                 self._frames.clear()
             self._notify()
 
@@ -186,19 +187,23 @@ class Subscription:
             return self._frames.popleft() if self._frames else None
 
     def _give(self, item: _Waiting | str) -> None:
+        if isinstance(item, str):
+            self._say(item)
+            return
+        if item.lost:
+            self._say(f"{item.lost} frames were lost before frame {item.frame.number}; {self._remedy}")
         try:
-            if isinstance(item, str):
-                if self._on_error is not None:
-                    self._on_error(item)
-                return
-            if item.lost and self._on_error is not None:
-                self._on_error(f"{item.lost} frames were lost before frame {item.frame.number}; {self._remedy}")
             self._callback(item.frame, item.stamp)
             self.given += 1
         except Exception as error:
-            line = self._said.line_of(error, "a subscriber failed")
-            if isinstance(item, _Waiting):
-                self.report(line)
+            self.report(self._said.line_of(error, "a subscriber failed"))
+
+    def _say(self, line: str) -> None:
+        try:
+            if self._on_error is not None:
+                self._on_error(line)
+        except Exception as error:
+            self._said.line_of(error, "a subscriber failed at an error")
 
     @property
     def _remedy(self) -> str:
