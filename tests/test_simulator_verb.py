@@ -51,7 +51,7 @@ def test_the_verb_prints_its_address_and_ends_on_control_c(tmp_path):
     address = json.loads(server.stdout.readline())["address"]
     port = int(address.rsplit(":", 1)[1].rstrip("/"))
     with connect(f"ws://127.0.0.1:{port}/live", max_size=2**24) as page:
-        assert json.loads(page.recv(timeout=60))["scene"] == "small"
+        assert json.loads(page.recv(timeout=60))["scenes"][0]["id"] == "small"
         server.send_signal(signal.SIGINT)
         out, err = server.communicate(timeout=30)
     assert server.returncode == 0

@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from ..io.writing import write_text
 from . import client_messages, server_messages, wire
 
 FILE = Path(__file__).parents[3] / "web" / "protocol.schema.json"
@@ -39,4 +38,6 @@ def text() -> str:
 
 
 if __name__ == "__main__":
+    from ..io.writing import write_text  # the server says the schema and writes nothing
+
     write_text(FILE, text())
