@@ -1,10 +1,10 @@
-"""One iteration a frame on 25^3 and 49^3 nodes, cubic to 49^3, against converged fields on 97^3 nodes.
+"""One iteration a step on 25^3 and 49^3 nodes, cubic to 49^3, against converged fields on 97^3 nodes.
 
-Claims, for five held-out insertions of 60 frames: over mean |u| at most 0.02 in the simple cubes and
+Claims, for five held-out insertions of 60 steps: over mean |u| at most 0.02 in the simple cubes and
 0.035 in the body, at the tip over max |u| at most 0.04, on 25^3 nodes; 0.01 and 0.02 on 49^3
 nodes. After the needle is then withdrawn to half its depth at once, the error of the iteration is
 at most 0.05 within three iterations. The published error is within a factor of three of the true
-one of the iteration in 95 % of frames, and never below half of it. A quarter of an hour; `--quick`
+one of the iteration in 95 % of steps, and never below half of it. A quarter of an hour; `--quick`
 takes one insertion.
 """
 
@@ -17,7 +17,7 @@ from sonospline.mechanics import LABELLED_CUBES, LineForce, labelled_cube
 from sonospline.models.elastic import ElasticSolver
 from sonospline.study.insertions import held_out_insertions
 
-FRAMES = 60
+STEPS = 60
 LOAD = LineForce()
 INSERTIONS = held_out_insertions()[: 1 if "--quick" in sys.argv else 5]
 LIMITS = {25: {"simple": 0.02, "body": 0.035, "tip": 0.04}, 49: {"simple": 0.01, "body": 0.02, "tip": 0.04}}
@@ -38,12 +38,12 @@ def unfinished(solver, state, needle):
 
 
 def insertion(solver, whole):
-    """The last field, published over true error in every third frame, and the error after a withdrawal."""
+    """The last field, published over true error in every third step, and the error after a withdrawal."""
     state, ratios = solver.rest, []
-    for frame in range(1, FRAMES + 1):
-        needle = ss.Needle(whole.entry, whole.at(frame / FRAMES))
+    for step in range(1, STEPS + 1):
+        needle = ss.Needle(whole.entry, whole.at(step / STEPS))
         state = solver.step(state, LOAD, needle)
-        if frame % 3 == 0 and solver.grid.node_count < 20_000:
+        if step % 3 == 0 and solver.grid.node_count < 20_000:
             ratios.append(state.error / unfinished(solver, state, needle))
     half = ss.Needle(whole.entry, whole.at(0.5))
     back = solver.step(state, LOAD, half)
@@ -84,5 +84,5 @@ low, high = np.min(published), np.percentile(published, 95)
 print(f"{missed} missed; withdrawn at worst {max(drawn_back):.4f}")
 print(
     f"published over true error: smallest {low:.2f}, median {np.median(published):.2f}, 95 % {high:.2f}, "
-    f"largest {np.max(published):.2f}, of {len(published)} frames"
+    f"largest {np.max(published):.2f}, of {len(published)} steps"
 )

@@ -86,7 +86,7 @@ peers = [
     Elastic(53, resampled=False),
 ]
 times = {peer.name: [] for peer in peers}
-for turn in range(ROUNDS):  # peers take turns, some frames each: a live loop has its caches warm
+for turn in range(ROUNDS):  # peers take turns, some steps each: a live loop has its caches warm
     for peer in peers:
         peer.step(needles[turn * IN_A_ROW])
         for needle in needles[turn * IN_A_ROW + 1 : (turn + 1) * IN_A_ROW]:

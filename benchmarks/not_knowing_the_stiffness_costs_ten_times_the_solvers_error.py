@@ -1,7 +1,7 @@
 """What a stiffness known to 30 % only costs, beside the error of the live solver.
 
 Claim: with every tissue's modulus off by 30 % (log-normal), the field is off by more than ten times
-the error of one iteration a frame on 25^3 nodes, against 49^3. Means over three held-out insertions
+the error of one iteration a step on 25^3 nodes, against 49^3. Means over three held-out insertions
 and sixteen draws, each with its opposite, of the difference over the mean displacement; the label map
 is also shifted by one cell of 25^3. Minutes.
 """

@@ -24,10 +24,12 @@ def a_cache_of_its_own(tmp_path, monkeypatch):
 
 def test_each_step_of_a_history_is_the_field_at_its_depth(small_tissue):
     entry, target = np.array([0, 0.5, 0.5]), np.array([0.6, 0.45, 0.55])
-    told = []
-    fields = reference_history(small_tissue, entry, target, steps=4, progress=lambda done, of: told.append((done, of)))
+    reported = []
+    fields = reference_history(
+        small_tissue, entry, target, steps=4, progress=lambda done, of: reported.append((done, of))
+    )
     assert fields.shape == (4, 9, 9, 9, 3)
-    assert told == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+    assert reported == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
     model = FiniteElementModel(small_tissue)
     for step in (1, 3):
         needle = ss.Needle(entry, entry + (step + 1) / 4 * (target - entry))
@@ -45,10 +47,10 @@ def test_a_history_is_kept_by_everything_it_depends_on(small_tissue, a_cache_of_
     first = reference_history(small_tissue, *path, steps=2)
     assert len(list(a_cache_of_its_own.iterdir())) == 1
     monkeypatch.setattr(FiniteElementModel, "solve", refuse)
-    told = []
-    again = reference_history(small_tissue, *path, steps=2, progress=lambda *state: told.append(state))
+    reported = []
+    again = reference_history(small_tissue, *path, steps=2, progress=lambda *state: reported.append(state))
     assert np.array_equal(first, again)
-    assert told == [(2, 2)]
+    assert reported == [(2, 2)]
     others = [
         {"steps": 3},
         {"load": LineForce(friction=0.02)},

@@ -24,7 +24,7 @@ def shown(value: Any) -> str:
 
 
 def figure(value: float) -> str:
-    """Return a number as short as it can be told from its neighbours: 400.0001 is not 400."""
+    """Return a number as short as it differs from its neighbours: 400.0001 is not 400."""
     if isinstance(value, int):
         return shown(value)
     return short if float(short := f"{value:g}") == value else repr(float(value))

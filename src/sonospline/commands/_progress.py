@@ -26,7 +26,7 @@ def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) ->
 
 @contextmanager
 def bar(label: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function told of steps done and steps in all, which draws a bar where somebody is watching."""
+    """Yield a function of steps done and steps in all, which draws a bar where somebody is watching."""
     if quiet or not _watched():
         yield lambda done, of: None
         return

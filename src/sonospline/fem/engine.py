@@ -54,7 +54,7 @@ class System:
     Displacements are continuous and linear along each edge; sigma is Hooke's law,
     2 mu eps + lambda tr(eps) I, with the trace replaced by its mean over the element for
     ``integration="mean_dilatation"``. The material is isotropic, so the points may be given
-    in any frame.
+    along any axes.
     """
 
     points: Array

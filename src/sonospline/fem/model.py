@@ -107,7 +107,7 @@ class FiniteElementModel:
             raise ValueError(f"tolerance = {tolerance:g} solves nothing; give a small one, e.g. 1e-10")
         self.times: list[StepTimes] = []
         """Where the time of each solve went, in order."""
-        self._frame = np.eye(3)
+        self._axes = np.eye(3)
         self._engine = self._engine_type(self._system())
 
     def solve(self, load: Load, needle: Needle) -> Array:
@@ -142,9 +142,9 @@ class FiniteElementModel:
         prescribed = np.zeros_like(force)
         prescribed[:, 0] = np.nan_to_num(along)
         spent = time.perf_counter() - started
-        displacement, times = self._engine.solve(force @ self._frame, prescribed, held)
+        displacement, times = self._engine.solve(force @ self._axes, prescribed, held)
         self.times.append(times._replace(load_s=times.load_s + spent))
-        return (displacement @ self._frame.T).reshape(*grid.shape, 3)
+        return (displacement @ self._axes.T).reshape(*grid.shape, 3)
 
     def _check(self, load: Load, needle: Needle) -> None:
         if not isinstance(load, Load):
@@ -160,19 +160,19 @@ class FiniteElementModel:
         self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
 
     def _turn_to(self, needle: Needle) -> None:
-        """Take the frame of the needle, where what it holds is the first component of each node."""
-        if np.allclose(self._frame[:, 0], needle.direction, rtol=0, atol=1e-12):
+        """Take the axes of the needle, along which what it holds is the first component of each node."""
+        if np.allclose(self._axes[:, 0], needle.direction, rtol=0, atol=1e-12):
             return
         across = np.cross(needle.direction, np.eye(3)[np.abs(needle.direction).argmin()])
         across /= np.linalg.norm(across)
-        self._frame = np.column_stack([needle.direction, across, np.cross(needle.direction, across)])
+        self._axes = np.column_stack([needle.direction, across, np.cross(needle.direction, across)])
         self._engine = self._engine_type(self._system())
 
     def _system(self) -> System:
         grid = self.tissue.grid
         _memory.refuse_beyond(_BYTES_A_NODE * grid.node_count, f"grid = {grid.shape}: the finite element matrices")
         return System(
-            points=grid.points @ self._frame,
+            points=grid.points @ self._axes,
             cells=cells(grid, self.element),
             pinned=self.tissue.pinned.ravel(),
             material=self.material,

@@ -45,7 +45,7 @@ class LatticeSum(NamedTuple):
 
 
 def node_index(centres: Array, shape: tuple[int, int, int], spacing: tuple[float, ...]) -> Index | None:
-    """Return the lattice index (n, 3) of landmarks in the lattice frame; None where one is off the nodes."""
+    """Return the lattice index (n, 3) of landmarks in the lattice's coordinates; None where one is off the nodes."""
     position = centres / spacing
     nearest = np.rint(position)
     if np.abs(position - nearest).max(initial=0.0) > _ON_NODE:

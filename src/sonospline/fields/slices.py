@@ -37,7 +37,7 @@ class NodeSlice:
     """
 
     nodes: Array
-    """(rows, columns, 3) undeformed nodes of the layer in the plane's frame: x, y, distance."""
+    """(rows, columns, 3) undeformed nodes of the layer in the plane's coordinates: x, y, distance."""
     deformed: Array
     """(rows, columns, 3) where they are now; z is how far they left the plane."""
     plane: ImagePlane
@@ -81,7 +81,7 @@ class NodeSlice:
 
     @property
     def displacement(self) -> Array:
-        """(rows, columns, 3) displacement in the plane's frame."""
+        """(rows, columns, 3) displacement in the plane's coordinates."""
         return self.deformed - self.nodes
 
     def plot(self, ax: Any = None, *, needle: Needle | None = None, lines: bool = True) -> Any:
@@ -118,7 +118,7 @@ class PlaneSlice:
     """
 
     displacement: Array
-    """(rows, columns, 3) displacement, in the plane's frame, of what is now at each pixel; NaN where unknown."""
+    """(rows, columns, 3) displacement, in the plane's coordinates, of what is now at each pixel; NaN where unknown."""
     plane: ImagePlane
     field: FieldMaps
 

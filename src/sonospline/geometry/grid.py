@@ -156,11 +156,11 @@ class Grid(ByValue):
         return self.world(index * np.array(self.spacing))
 
     def local(self, points: ArrayLike) -> Array:
-        """Return world points (m, 3), or one (3,), in the lattice frame: mm along each axis from node 0."""
+        """Return world points (m, 3), or one (3,), in the lattice's coordinates: mm along each axis from node 0."""
         return np.ascontiguousarray((np.asarray(points, float) - self.origin) @ self.direction)
 
     def world(self, local: ArrayLike) -> Array:
-        """Return lattice-frame positions (m, 3), or one (3,), as world points; inverse of :meth:`local`."""
+        """Return positions along the lattice (m, 3), or one (3,), as world points; inverse of :meth:`local`."""
         return np.asarray(local, float) @ self.direction.T + self.origin
 
     def node(self, index: ArrayLike) -> Array:

@@ -24,7 +24,7 @@ class NeedlePlane:
     """
 
     origin: Array
-    """(3,) a corner, in the lattice frame."""
+    """(3,) a corner, in the lattice's coordinates."""
     axes: Array
     """(2, 3) unit vectors of its two edges: away from the entry face, and along it."""
     lengths: Array
@@ -60,14 +60,14 @@ class NeedlePlane:
 
     @property
     def normal(self) -> Array:
-        """(3,) unit vector off the plane, in the lattice frame."""
+        """(3,) unit vector off the plane, in the lattice's coordinates."""
         return np.cross(*self.axes)
 
     def local(self, places: Array) -> Array:
-        """Return lattice-frame positions (m, 3) of places (m, 2) in the plane."""
+        """Return positions along the lattice (m, 3) of places (m, 2) in the plane."""
         return self.origin + places @ self.axes
 
     def seen(self, local: Array) -> tuple[Array, Array]:
-        """Return, for lattice-frame positions (m, 3), their places (m, 2) in the plane and distances (m,) off it."""
+        """Return the places (m, 2) in the plane of positions along the lattice (m, 3), and distances (m,) off it."""
         offset = local - self.origin
         return offset @ self.axes.T, np.abs(offset @ self.normal)

@@ -99,10 +99,10 @@ def shifted(transform: Array, x: float, y: float) -> Array:
 
 
 def to_reference(transform: Array, points: ArrayLike) -> Array:
-    """Return image points (m, 3), or one (3,), in the reference frame."""
+    """Return image points (m, 3), or one (3,), in reference coordinates."""
     return np.asarray(points) @ transform[:3, :3].T + transform[:3, 3]
 
 
 def to_image(transform: Array, points: ArrayLike) -> Array:
-    """Return reference points (m, 3), or one (3,), in the image frame; inverse of :func:`to_reference`."""
+    """Return reference points (m, 3), or one (3,), in image coordinates; inverse of :func:`to_reference`."""
     return (np.asarray(points) - transform[:3, 3]) @ transform[:3, :3]

@@ -246,7 +246,7 @@ class _Samples:
             near = np.clip(np.rint(index_at), 0, last).astype(int)
             found = places[tuple(np.moveaxis(near, -1, 0))]
         if not inside.any():
-            raise ValueError("labels do not overlap the tissue's box; give a label image of the same patient and frame")
+            raise ValueError("labels do not overlap the tissue's box; give labels of the same patient and place")
         if not inside.all():
             if background is None:
                 raise ValueError(_NO_BACKGROUND)

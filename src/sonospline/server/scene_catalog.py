@@ -99,7 +99,7 @@ class SceneCatalog:
         text : str or None
             A scene file from outside: files it names must lie in the folder the server was started in.
         progress : callable
-            Told the share done, from another thread.
+            Called with the share done, from another thread.
         wanted : callable, optional
             Asked now and then; the work is dropped when it says no.
 

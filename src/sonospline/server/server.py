@@ -108,7 +108,7 @@ class Server:
         return set(self.pool.connections.values())
 
     def run(self, ready: Callable[[str], None] = lambda address: None) -> None:
-        """Serve until told to stop; ``ready`` is called with the address once pages can be opened."""
+        """Serve until stopped; ``ready`` is called with the address once pages can be opened."""
         self._ready = ready
         self._server.run(sockets=[self.socket])
 

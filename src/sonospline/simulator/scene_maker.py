@@ -28,7 +28,7 @@ def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, pro
     folder : Path, optional
         Where the files it names are; by default beside the scene's file, else here.
     progress : callable, optional
-        Told the share done, 0 to 1.
+        Called with the share done, 0 to 1.
 
     Raises
     ------

@@ -71,7 +71,7 @@ def grid_lines(grid: Grid, frame: SkinFrame) -> Mesh:
 
 
 def _face_corners(grid: Grid, face: str) -> Array:
-    """First corner of a face and its two neighbours, in the lattice frame."""
+    """First corner of a face and its two neighbours, in the lattice's coordinates."""
     from ..geometry.grid import FACES
 
     axis, end = divmod(FACES.index(face), 2)

@@ -24,7 +24,7 @@ class Notebook:
     folder : Path
         Where the parts lie; made if absent.
     tell : callable, optional
-        Told of each part that has to be computed.
+        Called with the name of each part that has to be computed.
 
     Examples
     --------

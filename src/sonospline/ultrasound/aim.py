@@ -73,7 +73,7 @@ def aim(phantom: Phantom, optics: Optics, transform: Array, grid: Grid, margin_m
 
 
 def _rays(optics: Optics, transform: Array, grid: Grid) -> tuple[Array, Array]:
-    """Middle of the first coarse sample of each coarse beam, and the step, in the lattice frame."""
+    """Middle of the first coarse sample of each coarse beam, and the step, in the lattice's coordinates."""
     probe = optics.probe
     step = probe.depth_mm / RAY_SAMPLES
     line = np.linspace(0, probe.lines - 1, RAYS)

@@ -306,7 +306,7 @@ class Probe:
 
     @cached_property
     def footprint(self) -> tuple[float, float, float, float]:
-        """Left, right, top and bottom of what the beams cover, in the image frame, mm."""
+        """Left, right, top and bottom of what the beams cover, in image coordinates, mm."""
         if not self.curved:
             return (-self.aperture_mm / 2, self.aperture_mm / 2, 0.0, self.depth_mm)
         side = (self.depth_mm + self.apex_mm) * float(np.sin(self.half_angle))

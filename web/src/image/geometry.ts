@@ -1,4 +1,4 @@
-/** Where marks belong in the image frame: needle, skin, path to the target. Pure; mm. */
+/** Where marks belong in image coordinates: needle, skin, path to the target. Pure; mm. */
 
 import type { FrameHeader, NeedleCommand, SkinDirections } from "../protocol";
 import { add, dot, needleDirection, norm, scale, sub, toFrame, turnToFrame, type Vec } from "../vec";

@@ -167,7 +167,7 @@ export class Marks {
   }
 }
 
-/** The middle of the probe's face in the image frame. */
+/** The middle of the probe's face in image coordinates. */
 export function faceOrigin(header: FrameHeader): Point {
   const [x, y] = toFrame(header.image_to_reference, toWorld(header.probe_to_reference, [0, 0, 0]));
   return [x, y];

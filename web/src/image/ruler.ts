@@ -16,7 +16,7 @@ export class Ruler {
     this.drawn = "";
   }
 
-  /** `skin` mm: where depth 0 lies in the image frame; `depth` mm: how deep the image goes. */
+  /** `skin` mm: where depth 0 lies in image coordinates; `depth` mm: how deep the image goes. */
   draw(map: Mapping, skin: number, depth: number, focus: number): void {
     const y = (mm: number) => map.point([0, skin + mm])[1];
     const key = `${y(0).toFixed(1)} ${y(depth).toFixed(1)} ${depth}`;

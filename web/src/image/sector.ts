@@ -1,4 +1,4 @@
-/** The outline of what a probe sees, in the probe's frame: x right, y deep, origin in the middle of its face; mm. */
+/** The outline of what a probe sees, in the probe's coordinates: x right, y deep, origin in the middle of its face; mm. */
 
 import type { ProbeOutline } from "../protocol";
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Words = NDArray[np.uint64]
 Echoes = tuple[NDArray[np.floating], Array]
-"""Places (m, 3) in the scene's lattice frame in mm, and amplitudes (m,)."""
+"""Places (m, 3) in the lattice's coordinates in mm, and amplitudes (m,)."""
 
 _STRIP_LINES = 32
 _SLACK = 64
@@ -105,7 +105,7 @@ class EchoScene:
         self.places, self.signs, self.numbers, self.no_echo = places, signs, interfaces, no_echo
 
     def interfaces(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return points (m, 3) in the scene's lattice frame, normals (m, 3), reflection (m,), area (m,) in mm^2."""
+        """Return points (m, 3) in the lattice's coordinates, normals (m, 3), reflection (m,), area (m,) in mm^2."""
         return self._interfaces
 
     def prepare(self) -> None:
@@ -131,7 +131,7 @@ class EchoScene:
     ) -> tuple[Floats, NDArray[np.int32], NDArray[np.int32], NDArray[np.uint16], NDArray[np.int16], float]:
         """Return frames, nodes, starts, place, amplitude and its step, as ``BmodePlan.aim`` takes them.
 
-        ``to_image`` and ``to_cell`` (3, 4) take positions in the scene's lattice frame (mm) to the image frame
+        ``to_image`` and ``to_cell`` (3, 4) take positions in the lattice's coordinates (mm) to image coordinates
         and to cells of a displacement lattice of ``shape`` and ``spacing``, ``cell_to_image`` the latter to the
         former; ``power`` is that of speckle at each sample.
         """
@@ -217,7 +217,7 @@ class EchoScene:
         return points[kept][audible].astype(np.float64), size[audible] * np.sqrt(speckle)
 
     def _bricks(self, view: View, to_image: Array) -> NDArray[np.int64]:
-        """Indices (n, 3) of bricks of the scene's lattice frame that a slice touches."""
+        """Indices (n, 3) of bricks of the lattice that a slice touches."""
         away = max(abs(view.focus_mm), abs(view.depth_mm - view.focus_mm))
         thick = view.cut * np.hypot(view.elevation_mm, view.spread * away)
         wide = (view.depth_mm + view.apex_mm) * np.sin(view.half_angle) if view.curved else view.half_width_mm
@@ -242,7 +242,7 @@ class EchoScene:
         return np.concatenate(found)
 
     def _level_db(self, local: NDArray[np.floating], key: Words) -> Array:
-        """Backscatter at positions (m, 3) in the scene's lattice frame; -inf where nothing echoes."""
+        """Backscatter at positions (m, 3) in the lattice's coordinates; -inf where nothing echoes."""
         from scipy.ndimage import map_coordinates
 
         shape = np.array(self.labels.shape)
@@ -285,7 +285,7 @@ def _frames(view: View, cells: NDArray[np.int64], cell_to_image: Array, spacing:
     r = np.hypot(x, y + view.apex_mm) - view.apex_mm if view.curved else y
     line = (angle if view.curved else x) / view.line_step + (view.lines - 1) / 2
     cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros(len(cells)), np.ones(len(cells))
-    # rows: lateral, elevation, axial in the image frame (x right, y deep, z out of the plane)
+    # rows: lateral, elevation, axial in image coordinates (x right, y deep, z out of the plane)
     local = np.stack([cos, -sin, zero, zero, zero, one, sin, cos, zero], axis=1).reshape(-1, 3, 3)
     rotation = (local @ (cell_to_image[:, :3] / spacing)).reshape(-1, 9)
     cycles = r * view.cycles_per_mm

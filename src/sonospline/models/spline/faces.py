@@ -37,7 +37,7 @@ _CACHE_FORMAT = 1
 class FaceBase(Base):
     """All nodes of a tissue's pinned faces.
 
-    Points are given in the lattice frame: along the lattice axes, from the middle of the
+    Points are given in the lattice's coordinates: along the lattice axes, from the middle of the
     box, in units of ``scale``.
 
     Parameters
@@ -47,11 +47,11 @@ class FaceBase(Base):
     kernel : Kernel
         K.
     scale : float
-        Unit of length of the frame, in mm.
+        Unit of these lengths, in mm.
     diagonal : float, default: 0.0
         Added to the diagonal of ``kernel.sign * K``.
     progress : callable, optional
-        Told of the one-time set-up: steps done, steps in all.
+        Called with the steps done and the steps in all of the one-time set-up.
     """
 
     def __init__(

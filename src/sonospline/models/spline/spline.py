@@ -19,6 +19,7 @@ from .faces import FaceBase, Progress
 from .kernels import Biharmonic
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 logger = logging.getLogger(__name__)
 
@@ -38,17 +39,17 @@ _SCALES = 1e-60, 1e60
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """A frame in which landmarks are of the order of one, so that no unit of length matters."""
+class UnitCoordinates:
+    """Coordinates in which landmarks are of the order of one, so that no unit of length matters."""
 
     centre: Array
     scale: float
     axes: Array
-    """Columns are the frame's axes in the world."""
+    """Columns are the axes in the world."""
 
     @classmethod
-    def around(cls, points: Array) -> Frame:
-        """Return the frame of a set of landmarks."""
+    def around(cls, points: Array) -> UnitCoordinates:
+        """Return those of a set of landmarks."""
         low, high = points.min(axis=0), points.max(axis=0)
         scale = float((high / 2 - low / 2).max())
         if not _SCALES[0] < scale < _SCALES[1]:
@@ -58,22 +59,22 @@ class Frame:
         return cls(low / 2 + high / 2, scale, np.eye(3))
 
     @classmethod
-    def of_grid(cls, grid: Grid) -> Frame:
-        """Return the frame of a grid, along its axes from its middle."""
+    def of_grid(cls, grid: Grid) -> UnitCoordinates:
+        """Return those of a grid, along its axes from its middle."""
         return cls(grid.world(grid.extent / 2), float(grid.extent.max()) / 2, grid.direction)
 
     def local(self, points: Array) -> Array:
-        """Return world points (m, 3) in the frame."""
+        """Return world points (m, 3) in these coordinates."""
         return (points - self.centre) @ self.axes / self.scale
 
     def world_affine(self, affine: Array) -> Array:
-        """Return an affine map (4, 3) of frame coordinates as one of world offsets from the centre."""
+        """Return an affine map (4, 3) of these coordinates as one of world offsets from the centre."""
         world = affine.copy()
         world[1:] = self.axes @ affine[1:] / self.scale
         return world
 
     def diagonal(self, value: float, kernel: Kernel) -> float:
-        """Return a number on the kernel matrix's diagonal in the frame's units."""
+        """Return a number on the kernel matrix's diagonal in these units."""
         return value / self.scale**kernel.homogeneity
 
 
@@ -137,20 +138,20 @@ class PolyharmonicSpline:
         smoothing = _validate.number("smoothing", smoothing)
         epsilon = _validate.number("paper_epsilon", paper_epsilon)
         _refuse_too_few(points)
-        frame = Frame.around(points)
-        _refuse_flat(frame.local(points))
+        unit = UnitCoordinates.around(points)
+        _refuse_flat(unit.local(points))
         if epsilon > 0 and kernel.sign < 0:  # +eps regularises a positive definite kernel
             _refuse_singular(epsilon, _closest_pair(points, since=0)[0])
         # smoothing moves the spectrum away from zero; the paper's eps is +eps whatever the sign
         diagonal = smoothing + kernel.sign * epsilon
-        _refuse_smoothing(smoothing, frame, kernel)
+        _refuse_smoothing(smoothing, unit, kernel)
         corners = _spread_out(points)
         try:
-            base = CornerBase(kernel, frame.local(points[corners]), frame.diagonal(diagonal, kernel))
+            base = CornerBase(kernel, unit.local(points[corners]), unit.diagonal(diagonal, kernel))
         except np.linalg.LinAlgError:
             raise ValueError(_uneven(points)) from None
         others = np.setdiff1d(np.arange(len(points)), corners)
-        self._begin(kernel, diagonal, frame, base, points.copy(), np.concatenate([corners, others]))
+        self._begin(kernel, diagonal, unit, base, points.copy(), np.concatenate([corners, others]))
         self._factor(points[others], self.points, since=0)
 
     def __repr__(self) -> str:
@@ -168,28 +169,34 @@ class PolyharmonicSpline:
         """Return a spline whose first landmarks are all nodes of the tissue's pinned faces.
 
         Their matrix is factored once for a grid and kept on disk, in the folder that
-        ``SONOSPLINE_CACHE`` names or the user's cache folder; ``progress(done, of)`` is told.
+        ``SONOSPLINE_CACHE`` names or the user's cache folder; ``progress(done, of)`` is called.
         """
         kernel = Biharmonic() if kernel is None else kernel
         smoothing = _validate.number("smoothing", smoothing)
-        frame = Frame.of_grid(tissue.grid)
-        _refuse_smoothing(smoothing, frame, kernel)
-        base = FaceBase(tissue, kernel, frame.scale, diagonal=frame.diagonal(smoothing, kernel), progress=progress)
+        unit = UnitCoordinates.of_grid(tissue.grid)
+        _refuse_smoothing(smoothing, unit, kernel)
+        base = FaceBase(tissue, kernel, unit.scale, diagonal=unit.diagonal(smoothing, kernel), progress=progress)
         points = tissue.grid.node(np.argwhere(tissue.pinned))  # in the order of the base
         spline = cls.__new__(cls)
-        spline._begin(kernel, smoothing, frame, base, points, np.arange(len(points)))
+        spline._begin(kernel, smoothing, unit, base, points, np.arange(len(points)))
         return spline
 
     def _begin(
-        self, kernel: Kernel, diagonal: float, frame: Frame, base: Base, points: Array, order: NDArray[np.int64]
+        self,
+        kernel: Kernel,
+        diagonal: float,
+        unit: UnitCoordinates,
+        base: Base,
+        points: Array,
+        order: Index,
     ) -> None:
         """Start from the landmarks given first: their points, and ``order``, which takes them base first."""
         self.kernel = kernel
         self._diagonal = diagonal
-        self._frame = frame
+        self._unit = unit
         self._order = order
         self._place = np.argsort(order)  # the inverse of order
-        self._system = AnchoredSystem(kernel, base, frame.diagonal(diagonal, kernel))
+        self._system = AnchoredSystem(kernel, base, unit.diagonal(diagonal, kernel))
         self.points = points
         """(n, 3) landmarks, in the order given and appended."""
         self._first_size = len(points)
@@ -235,7 +242,7 @@ class PolyharmonicSpline:
 
     def _factor(self, new: Array, together: Array, *, since: int) -> None:
         try:
-            self._system.append(self._frame.local(new))
+            self._system.append(self._unit.local(new))
         except np.linalg.LinAlgError:
             _, i, j = _closest_pair(together, since=since)
             raise CoincidentError(
@@ -283,17 +290,17 @@ class PolyharmonicSpline:
             if not residual <= _ERROR_LIMIT:
                 raise ValueError(f"{_uneven(self.points)} (residual {residual:.1e})")
         weights = np.concatenate([solution.base_weights, solution.weights])
-        weights /= self._frame.scale**self.kernel.homogeneity
+        weights /= self._unit.scale**self.kernel.homogeneity
         return KernelField(
             kernel=self.kernel,
             centres=self.points[: len(values)],
             weights=self._first(weights, self._place),
-            affine=self._frame.world_affine(solution.affine),
-            reference=self._frame.centre,
+            affine=self._unit.world_affine(solution.affine),
+            reference=self._unit.centre,
             grid=grid,
         )
 
-    def _first(self, rows: Array, order: NDArray[np.int64]) -> Array:
+    def _first(self, rows: Array, order: Index) -> Array:
         """Reorder the rows of the landmarks given at the start; the others follow as they are."""
         return np.concatenate([rows.take(order, axis=0), rows[len(order) :]])
 
@@ -305,8 +312,8 @@ def _matching_values(points: Array, values: ArrayLike) -> Array:
     return array
 
 
-def _refuse_smoothing(smoothing: float, frame: Frame, kernel: Kernel) -> None:
-    most = _MOST_SMOOTHING * frame.scale**kernel.homogeneity
+def _refuse_smoothing(smoothing: float, unit: UnitCoordinates, kernel: Kernel) -> None:
+    most = _MOST_SMOOTHING * unit.scale**kernel.homogeneity
     if smoothing > most:
         raise ValueError(f"smoothing = {smoothing:g} leaves only an affine map of the values; give at most {most:.3g}")
 
@@ -322,7 +329,7 @@ def _refuse_flat(points: Array) -> None:
         raise ValueError("points all lie in one plane; add a landmark off that plane")
 
 
-def _spread_out(points: Array) -> NDArray[np.int64]:
+def _spread_out(points: Array) -> Index:
     """Four landmarks far from one another: the farthest, then those that widen line, plane and body most."""
     first = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
     chosen, left = [first], points - points[first]

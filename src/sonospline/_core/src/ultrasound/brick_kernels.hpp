@@ -10,7 +10,7 @@ namespace sono {
 constexpr std::size_t kMostInBrick = 512;
 constexpr double kFarCell = 1e6;  // further from the first cell than a lattice may reach
 
-/// What a place in the image frame means to a probe.
+/// What a place in image coordinates means to a probe.
 struct BeamScope {
     bool curved;
     double apex, depth, cos, sin, half_width, beside;  // cos, sin of half the sector

@@ -98,7 +98,7 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
             std::ptrdiff_t first = 0;
             for (int a = 0; a < 3; ++a) {
                 const double x = view.cell_to_image[a] / view.spacing[a], d = view.cell_to_image[4 + a] / view.spacing[a];
-                // lateral, elevation, axial in the image frame (x right, y deep, z out of the plane)
+                // lateral, elevation, axial in image coordinates (x right, y deep, z out of the plane)
                 frame.rotation[a] = static_cast<float>(cos * x - sin * d);
                 frame.rotation[3 + a] = static_cast<float>(view.cell_to_image[8 + a] / view.spacing[a]);
                 frame.rotation[6 + a] = static_cast<float>(sin * x + cos * d);
