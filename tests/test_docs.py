@@ -1,6 +1,8 @@
 """Every program in the README and in the pages of documentation runs, on small files made for it."""
 
+import inspect
 import re
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -100,3 +102,39 @@ def the_ultrasound(left, files):
 
 
 CHECKS = {"README.md": the_readme, "start.md": the_start, "ultrasound.md": the_ultrasound}
+
+
+# --- the list of names ---
+
+DIRECTIVE = re.compile(r"^\.\. auto(?:class|function|data|module):: (\S+)\n(?:   :members:([^\n]*)\n)?", re.MULTILINE)
+
+
+def listed():
+    """Every name of the API's page, and the members it asks for."""
+    for name, members in DIRECTIVE.findall((ROOT / "docs" / "api" / "index.rst").read_text()):
+        yield name
+        yield from (f"{name}.{member.strip()}" for member in members.split(",") if member.strip())
+
+
+def found(name):
+    module, attributes = name, []
+    while True:
+        try:
+            value = import_module(module)
+            break
+        except ModuleNotFoundError:
+            module, _, attribute = module.rpartition(".")
+            attributes.insert(0, attribute)
+    for attribute in attributes:
+        value = getattr(value, attribute, None) or inspect.getattr_static(value, attribute)
+    return value
+
+
+@pytest.mark.parametrize("name", list(listed()))
+def test_every_name_of_the_api_is_there(name):
+    assert found(name) is not None
+
+
+def test_every_public_name_is_in_the_api():
+    names = set(listed())
+    assert {name for name in ss.__all__ if f"sonospline.{name}" not in names} <= {"Session"}
