@@ -13,7 +13,16 @@ from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
 from sonospline.io.records import FieldError
 from sonospline.server import client_messages, schema
-from sonospline.simulator import Command, Console, ImageSettings, SceneFile, Session, scene_maker
+from sonospline.simulator import (
+    Command,
+    Console,
+    ImageSettings,
+    NeedleCommand,
+    ProbeCommand,
+    SceneFile,
+    Session,
+    scene_maker,
+)
 from sonospline.simulator.knobs import Knob, Travel, always, described
 
 
@@ -72,6 +81,15 @@ def test_every_knob_says_all_there_is_to_know():
     assert len(keys) == len(set(keys)) == 22
     pads = [knob.pad for _, _, knob, _ in knobs if knob.pad]
     assert len(pads) == len(set(pads))
+
+
+def test_a_field_without_a_description_is_refused():
+    class Bare(ImageSettings, frozen=True, kw_only=True):
+        warmth: float = 0.0
+
+    kind = msgspec.defstruct("Odd", [("needle", NeedleCommand), ("probe", ProbeCommand), ("image", Bare)])
+    with pytest.raises(TypeError, match=r"image.warmth has no Knob or no Travel; annotate the field with both"):
+        described(kind)
 
 
 def test_one_entry_more_is_in_the_scene_its_start_and_its_limits(one_knob_more):

@@ -122,7 +122,7 @@ class Knobs:
         return iter(self.all)
 
     def __getitem__(self, id: str) -> SceneKnob:
-        return next(knob for knob in self.all if knob.id == id)
+        return {knob.id: knob for knob in self.all}[id]
 
     def check(self, command: Struct) -> None:
         """Raise FieldError for the first number that is beyond its range (or NaN)."""
@@ -149,13 +149,16 @@ def described(kind: type[Struct]) -> tuple[tuple[Group, str, Knob, Travel], ...]
     found: list[tuple[Group, str, Knob, Travel]] = []
     for group in get_args(Group):
         for field, hint in get_type_hints(get_type_hints(kind)[group], include_extras=True).items():
-            found.append((group, field, *_annotations(hint)))
+            found.append((group, field, *_annotations(f"{group}.{field}", hint)))
     return tuple(found)
 
 
-def _annotations(hint: Any) -> tuple[Knob, Travel]:
-    knob = next(one for one in hint.__metadata__ if isinstance(one, Knob))
-    travel = next(one for one in hint.__metadata__ if isinstance(one, Travel))
+def _annotations(name: str, hint: Any) -> tuple[Knob, Travel]:
+    said = getattr(hint, "__metadata__", ())
+    knob = next((one for one in said if isinstance(one, Knob)), None)
+    travel = next((one for one in said if isinstance(one, Travel)), None)
+    if knob is None or travel is None:
+        raise TypeError(f"{name} has no Knob or no Travel; annotate the field with both")
     return knob, travel
 
 
