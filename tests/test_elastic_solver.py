@@ -231,7 +231,7 @@ def test_the_published_error_is_the_true_one_or_a_few_times_that(name):
         if step % 3 == 0:
             needle = ss.Needle(NEEDLE.entry, NEEDLE.at(step / 40))
             ratios.append(state.error / error_of(solver, state, needle=needle))
-    assert min(ratios) > 0.9 and max(ratios) < 3.5
+    assert min(ratios) > 0.9 and np.median(ratios) < 3 and max(ratios) < 8
 
 
 def test_a_needle_outside_is_refused_and_named():

@@ -55,7 +55,7 @@ class ElasticModel(TissueModel):
         Nodes of the solver's grid, about.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
-    tolerance : float, default: 0.03
+    tolerance : float, default: 0.05
         Error estimate, relative to the field, at which a step ends.
     budget : int, default: 12
         Iterations of a step, at most.

@@ -33,7 +33,7 @@ FIRST_ITERATIONS = 3
 """On the first step, and after a jump."""
 JUMP = 0.25
 """A step that finds the last field this wrong, relatively, has jumped."""
-TOLERANCE = 0.03
+TOLERANCE = 0.05
 """Error estimate at which a step ends, by default."""
 BUDGET = 12
 """Iterations of a step, at most, by default."""
@@ -187,7 +187,7 @@ class ElasticSolver:
         if state.measured and state.error <= SETTLED and np.array_equal(forces, state.load):
             return state
         found = self._first(state, forces, budget)
-        if not found.measured and tolerance / 2 < found.error <= tolerance:
+        if not found.measured and tolerance < found.error <= 3 * tolerance:
             found = self._measured(found, forces)
         while found.iterations < budget and found.error > tolerance:
             found = self._further(found, forces, min(_wanted(found, tolerance), budget - found.iterations))
