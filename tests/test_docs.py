@@ -20,7 +20,7 @@ NEEDS = {
     "start.md": ("SimpleITK", "h5py", "matplotlib"),
     "elastic.md": ("SimpleITK",),
     "ultrasound.md": ("SimpleITK",),
-    "frames.md": ("SimpleITK",),
+    "coordinates.md": ("SimpleITK",),
     "fem.md": ("skfem", "pyamg"),
 }
 NAMES = "label,name\n1,skin\n2,liver\n3,tumour\n"
