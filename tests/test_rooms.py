@@ -194,3 +194,15 @@ def test_names_and_comments_use_the_words_of_the_field():
         if UNUSED_WORDS.search(parted(text))
     }
     assert found == set()
+
+
+def test_no_name_is_a_library():
+    """What is kept by name is a catalog, a table or a registry; a library is what somebody else wrote."""
+    found = {
+        f"{file.relative_to(ROOT)}: {token.string}"
+        for file in sources()
+        if file.is_relative_to(PACKAGE) and file.suffix in (".py", ".pyi")
+        for token in tokenize.generate_tokens(io.StringIO(file.read_text()).readline)
+        if token.type == tokenize.NAME and re.search(r"(?<![a-z])librar(y|ies)(?![a-z])", parted(token.string))
+    }
+    assert found == set()

@@ -55,11 +55,6 @@ def node_index(centres: Array, shape: tuple[int, int, int], spacing: tuple[float
     return index if inside else None
 
 
-def estimated_error(tolerance: float, weights: Array) -> float:
-    """Return the error to expect of a cut-off, in box sides, for the weights (n, 3) of U = r."""
-    return _ERROR_PER_WEIGHT * tolerance * _size(weights) + _ROUNDING
-
-
 def choose(
     shape: tuple[int, int, int], spacing: tuple[float, ...], nodes: Index, weights: Array, promise: float
 ) -> LatticeSum | None:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..fields.field import Field
 from ..geometry.tissue import Tissue
 from ..mechanics.tissue_map import TissueMap
-from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.probe import Probe
 from .command import Command
 from .imaging import Imager
@@ -44,11 +43,6 @@ class Scene:
     """Makes :attr:`meshes`."""
     prepare: Callable[[], None]
     """Makes what the first picture did not need and others will; from any thread."""
-
-    @property
-    def needle_diameter_mm(self) -> float:
-        """Of its shaft."""
-        return LOOKS[self.spec.needle.look]().diameter_mm
 
     def deformed(self, field: Field, *, grid: bool) -> NDArray[np.float32]:
         """Return where a field takes the vertices of all meshes, with or without the grid lines, (m, 3)."""

@@ -6,7 +6,7 @@ maps the undeformed nodes. Each reading is run and measured; the defaults are th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,8 +25,6 @@ from .reference import Reference
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
-Rule = Callable[[Reference, NeedleTissueModel, int], Array]
-"""Called with a reference, a model and a number of steps; returns the displacement at the last depth."""
 
 _ANCHORS, _LANDMARKS = 5, 300
 _TIP = ("tip_radius", "tip_length")
