@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from .._by_bits import ByBits
 from .._digest import digest
 from .._shown import shown
 from ..fields.field import Field
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from . import registry
-from ._value import ByValue
 from .capability import CapabilityError
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Identity:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class State(ByValue):
+class State(ByBits):
     """Where the tissue is between two steps: immutable, picklable, equal where every bit is.
 
     Models of which the answer depends on the pose alone use it as it is; others extend it by
@@ -66,7 +66,7 @@ class State(ByValue):
 
 
 @dataclass(frozen=True, eq=False)
-class NeedleForce(ByValue):
+class NeedleForce(ByBits):
     """The force of a needle on the tissue: what the nodes of the model take up.
 
     Parameters

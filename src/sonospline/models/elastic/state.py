@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .._value import ByValue
+from ..._by_bits import ByBits
 
 Single = NDArray[np.float32]
 
@@ -17,7 +17,7 @@ class NotConvergedError(RuntimeError):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ElasticState(ByValue):
+class ElasticState(ByBits):
     """Where the tissue is between two steps. Made by :class:`ElasticSolver`, never changed.
 
     A step returns a new one, so that a step that fails leaves the old one as it was.

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .._digest import digest
+from ._digest import digest
 
 
-class ByValue:
+class ByBits:
     """A dataclass whose instances are equal where every bit of their fields is, arrays among them."""
 
     @cached_property
