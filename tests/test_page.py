@@ -1,5 +1,7 @@
 """The live simulator's page in a headless Chromium: what a person sees, and what the library says to it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,9 @@ from sonospline.simulator import Console, Session
 from sonospline.simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 
 pytest_plugins = ["page_fixtures"]
+
+PUSHES = 6
+"""Tries until a machine that others use, too, sends every picture."""
 
 
 def command_of(state):
@@ -26,7 +31,8 @@ def test_the_first_image_comes_by_itself(browser):
         driver.finish()
 
 
-def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_rest(drive):
+def pushed(drive):
+    """A page whose needle was pushed and which was frozen then: at rest, and what it was sent until then."""
     driver = drive("kidney", listen=True)
     driver.until(f"{MOVED} === 0")
     rest, target_at_rest, view = driver.drawn()[1], driver.value("tip-to-target"), driver.view3d()
@@ -40,15 +46,30 @@ def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_res
     number, shown = driver.drawn()
     assert driver.view3d() != view
     assert (shown != rest).mean() > 0.1
+    sent = [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["state"]["frozen"]]
+    return driver, target_at_rest, shown, sent
+
+
+def skipped(sent):
+    """Pictures that a session made and a busy server did not send: nobody knows what they answered."""
+    return [header["noise"] for (before, _), (header, _) in pairwise(sent) if header["noise"] > before["noise"] + 1]
+
+
+def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_rest(drive):
+    for _ in range(PUSHES):
+        driver, target_at_rest, shown, sent = pushed(drive)
+        if not skipped(sent):
+            break
+    assert not skipped(sent), "the machine is too busy for all pictures of a push to be sent"
 
     # the same states in the same order: every number and every pixel is the library's
     console = Console(Session("kidney"))
     console.step()  # the server makes a first picture before anybody asks
-    for header, pixels in [(h, p) for h, p in driver.frames if h["frame"] <= number and not h["state"]["frozen"]]:
+    for header, _ in sent:
         frame = console.step(command_of(header["state"]))
-        sent = pixels
-    np.testing.assert_array_equal(shown, sent)
-    np.testing.assert_array_equal(sent, frame.image.pixels)
+    pixels = sent[-1][1]
+    np.testing.assert_array_equal(shown, pixels)
+    np.testing.assert_array_equal(pixels, frame.image.pixels)
     assert driver.value("tip-to-target") == pytest.approx(frame.readouts.tip_to_target, abs=0.01)
     assert driver.value("moved") == pytest.approx(frame.readouts.moved, abs=0.01)
     assert driver.value("depth") == pytest.approx(frame.readouts.depth, abs=0.01)
