@@ -22,9 +22,9 @@ from .option import Option
 GROUP = "sonospline.models"
 """Entry points by which packages add models."""
 BUILT_IN = (
-    "sonospline.models.spline.model:SPEC",
-    "sonospline.models.kelvinlet.model:SPEC",
-    "sonospline.models.elastic.model:SPEC",
+    "sonospline.models.spline.spec:SPEC",
+    "sonospline.models.kelvinlet.spec:SPEC",
+    "sonospline.models.elastic.spec:SPEC",
 )
 
 _LONGEST = 200

@@ -19,10 +19,8 @@ from ...mechanics.loads import MILLI, Load
 from ...mechanics.material import Material
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
-from ..option import Option
-from ..registry import ModelSpec
-from .solver import BUDGET, SETTLED, TOLERANCE, ElasticSolver
-from .state import ElasticState
+from .solver import SETTLED, ElasticSolver
+from .state import ABLE, BUDGET, TOLERANCE, ElasticState
 
 Single = NDArray[np.float32]
 
@@ -79,7 +77,7 @@ class ElasticModel(TissueModel):
     """
 
     name = "elastic"
-    capabilities = frozenset({"forces", "labels", "several needles"})
+    capabilities = ABLE
 
     def __init__(
         self,
@@ -157,27 +155,3 @@ class ElasticModel(TissueModel):
     def _force(self, load: Single, needle: Needle) -> NeedleForce:
         total = self.solver.grid.direction @ load.sum(axis=(1, 2, 3), dtype=np.float64)
         return NeedleForce.along(needle.direction, total / MILLI)
-
-
-def _make(
-    tissue: Tissue, materials: Material | TissueMap, *, solver_nodes: int, tolerance: float, budget: int
-) -> ElasticModel:
-    return ElasticModel(tissue, materials, nodes=solver_nodes, tolerance=tolerance, budget=budget)
-
-
-SPEC = ModelSpec(
-    name="elastic",
-    title="Elastic",
-    summary="live finite elements on label maps, in N and kPa",
-    maker=_make,
-    options=(
-        Option(name="solver_nodes", kind="whole", default=25**3, low=8, high=10**10, live=(1000, 200_000),
-               help="nodes of the elastic solver, about"),
-        Option(name="tolerance", default=TOLERANCE, low=1e-5, high=1, live=(1e-3, 1),
-               help="error of the field at which a step ends"),
-        Option(name="budget", kind="whole", default=BUDGET, low=1, high=200, live=(1, 100),
-               help="iterations of a step, at most"),
-    ),
-    capabilities=ElasticModel.capabilities,
-    properties=("stiffness_kpa", "poissons_ratio"),
-)  # fmt: skip

@@ -24,7 +24,7 @@ from ...mechanics.shaft_displacement import ShaftDisplacement
 from ...mechanics.tissue_map import TissueMap
 from .error_safety import UNIFORM, error_safety
 from .hierarchy import coarse_inverse, levels, pinned_faces
-from .state import ElasticState, NotConvergedError
+from .state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -33,10 +33,6 @@ FIRST_ITERATIONS = 3
 """On the first step, and after a jump."""
 JUMP = 0.25
 """A step that finds the last field this wrong, relatively, has jumped."""
-TOLERANCE = 0.05
-"""Error estimate at which a step ends, by default."""
-BUDGET = 12
-"""Iterations of a step, at most, by default."""
 SETTLED = 5e-4
 """Error estimate at which tissue has come to rest."""
 

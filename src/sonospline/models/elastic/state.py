@@ -11,6 +11,13 @@ from ..._by_bits import ByBits
 
 Single = NDArray[np.float32]
 
+TOLERANCE = 0.05
+"""Error estimate at which a step ends, by default."""
+BUDGET = 12
+"""Iterations of a step, at most, by default."""
+ABLE = frozenset({"forces", "labels", "several needles"})
+"""What the elastic model can do, in the words of the contract."""
+
 
 class NotConvergedError(RuntimeError):
     """A step did not converge; the state it started from is still in force."""

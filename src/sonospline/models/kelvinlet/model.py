@@ -13,10 +13,7 @@ from ...fields.grid_field import GridField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
-from ...mechanics.material import Material
 from ..contract import Response, State, TissueModel, UnknownForces
-from ..option import Option
-from ..registry import ModelSpec
 from ..spline.landmarks import select_anchors
 from .drag import DragModel
 from .field import KelvinletField
@@ -144,22 +141,3 @@ def _lattice(grid: Grid, width: float) -> Grid:
         origin=grid.origin,
         direction=grid.direction,
     )
-
-
-def _make(tissue: Tissue, materials: Material, *, drag_mm: float | None, anchors: int) -> KelvinletModel:
-    side, ratio = tissue.grid.side, materials.poissons_ratio
-    return KelvinletModel(tissue, DragModel.kelvinlet(side, drag=drag_mm, poissons_ratio=ratio), anchors=anchors)
-
-
-SPEC = ModelSpec(
-    name="kelvinlet",
-    title="Kelvinlet",
-    summary="elastic kernel, one drag along the axis; mesh-free, homogeneous",
-    maker=_make,
-    options=(
-        Option(name="drag_mm", unit="mm", low=0, high=1e4, live=(0, 50),
-               help="displacement at the shaft; by default 0.028 of the side"),
-        Option(name="anchors", kind="whole", default=7, low=2, high=1000, help="anchors along a face side"),
-    ),
-    properties=("poissons_ratio",),
-)  # fmt: skip

@@ -70,3 +70,7 @@ class Triharmonic(_Radial):
     sign = 1
     homogeneity = 3
     _number = 1
+
+
+KERNELS: dict[str, type[Kernel]] = {"biharmonic": Biharmonic, "triharmonic": Triharmonic}
+"""Kernels by the names that options give them."""

@@ -16,20 +16,15 @@ from ...fields.kernel import Kernel
 from ...fields.kernel_field import KernelField
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
-from ...mechanics.material import Material
 from ..contract import Response, State, TissueModel, UnknownForces
-from ..option import Option
-from ..registry import ModelSpec
 from .faces import Progress
-from .interaction import AMPLITUDES, NeedleTissueModel, interaction
-from .kernels import Biharmonic, Triharmonic
+from .interaction import NeedleTissueModel, interaction
+from .kernels import Biharmonic
 from .landmarks import LandmarkPlan, plan_landmarks, select_anchors
 from .spline import PolyharmonicSpline
 
 Array = NDArray[np.float64]
 Accumulation = Literal["maximum", "incremental"]
-
-KERNELS: dict[str, type[Kernel]] = {"biharmonic": Biharmonic, "triharmonic": Triharmonic}
 
 _BATCH = 96
 """Landmarks factored at once. The bits of a factor depend on its batches: they always end at multiples of this."""
@@ -241,63 +236,3 @@ def _same_axis(a: Needle | None, b: Needle) -> bool:
         return False
     apart = np.abs(a.entry - b.entry).max() / max(a.depth, b.depth)
     return bool(max(apart, np.abs(a.direction - b.direction).max()) <= 1e-9)
-
-
-def _make(
-    tissue: Tissue,
-    materials: Material,
-    *,
-    kernel: str,
-    smoothing: float,
-    anchors: int | Literal["all"],
-    max_landmarks: int,
-    accumulation: Accumulation,
-    progress: Progress | None,
-    **lengths: float | None,
-) -> SplineModel:
-    preset = NeedleTissueModel.paper_incremental if accumulation == "incremental" else NeedleTissueModel.paper
-    given = {name: value for name, value in lengths.items() if value is not None}
-    return SplineModel(
-        tissue,
-        replace(preset(tissue.grid.side), **given),
-        kernel=KERNELS[kernel](),
-        anchors=anchors,
-        max_landmarks=max_landmarks,
-        smoothing=smoothing,
-        accumulation=accumulation,
-        progress=progress,
-    )
-
-
-_LENGTHS = {
-    "shaft_displacement": "drag of tissue at the shaft",
-    "shaft_pull": "pull of tissue towards the shaft",
-    "shaft_radius": "how far from the shaft tissue is moved",
-    "shaft_decay": "radial decay of the drag",
-    "pull_decay": "radial decay of the pull",
-    "tip_displacement": "push ahead of the tip",
-    "tip_radius": "radius of what the tip pushes",
-    "tip_length": "length of what the tip pushes",
-}
-"""The parameters of :class:`NeedleTissueModel`; those not given are Table I's."""
-
-SPEC = ModelSpec(
-    name="paper",
-    title="Paper spline",
-    summary="U = r, landmarks displaced by Table I; the paper's model",
-    maker=_make,
-    options=(
-        Option(name="kernel", kind="choice", default="biharmonic", choices=tuple(KERNELS), help="spline kernel"),
-        Option(name="smoothing", default=0.0, low=0, high=1e9, help="0 meets every landmark"),
-        Option(name="anchors", kind="whole", default=5, low=2, high=1000, choices=("all",),
-               help="anchors along a face side, or every face node"),
-        Option(name="max_landmarks", kind="whole", default=300, low=1, high=1_000_000, help="most landmarks"),
-        Option(name="accumulation", kind="choice", default="maximum", choices=("maximum", "incremental"),
-               help="map from the reference, or Algorithm 1's moving mesh"),
-        *(
-            Option(name=name, unit="mm", low=0 if name in AMPLITUDES else 1e-6, high=1e6, help=f"{what} (Table I)")
-            for name, what in _LENGTHS.items()
-        ),
-    ),
-    reports_progress=True,
-)  # fmt: skip
