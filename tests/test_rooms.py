@@ -160,7 +160,7 @@ def sources():
         for folder in folders
         for file in sorted(folder.rglob("*"))
         if file.suffix in SUFFIXES and file.name not in GENERATED and ".gen." not in file.name
-        if "page" not in file.relative_to(ROOT).parts
+        if not {"page", "_build"} & set(file.relative_to(ROOT).parts)  # what is built is not written
     ]
 
 

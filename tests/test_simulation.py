@@ -73,6 +73,14 @@ def test_an_insertion_gives_a_field_and_forces(elastic):
     assert elastic.response is response
 
 
+def test_a_needle_says_both_its_entry_and_its_target(elastic):
+    by_points = elastic.insert(ENTRY, TARGET, steps=3)
+    assert elastic.insert(ss.Needle(ENTRY, TARGET), steps=3).state == by_points.state
+    for wrong in ((ENTRY,), (ss.Needle(ENTRY, TARGET), TARGET)):
+        with pytest.raises(ValueError, match="target goes with an entry point; give both, or one Needle"):
+            elastic.insert(*wrong)
+
+
 def test_an_insertion_starts_from_rest_and_gives_the_same_bits_again(elastic):
     first = elastic.insert(ENTRY, TARGET, steps=3)
     elastic.step({"needle": ss.Needle(ENTRY, (20, 30, 20))})

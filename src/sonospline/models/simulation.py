@@ -89,18 +89,18 @@ class Simulation:
         self.response = self.model.step(self.response.state, needles, dt)
         return self.response
 
-    def run(self, entry: ArrayLike, target: ArrayLike, *, steps: int = 20) -> Iterator[Response]:
+    def run(self, entry: ArrayLike | Needle, target: ArrayLike | None = None, *, steps: int = 20) -> Iterator[Response]:
         """Insert a needle, ``"needle"``, from the rest state in equal steps, yielding the response to each."""
         _validate.count("steps", steps)
-        whole = Needle(entry, target)
+        whole = _whole(entry, target)
         self.tissue.check_inside(entry=whole.entry, target=whole.tip)
         self.reset()
         return (self.step({NEEDLE: Needle(whole.entry, whole.at(k / steps))}) for k in range(1, steps + 1))
 
     def insert(
         self,
-        entry: ArrayLike,
-        target: ArrayLike,
+        entry: ArrayLike | Needle,
+        target: ArrayLike | None = None,
         *,
         steps: int = 20,
         progress: Callable[[int, int], object] | None = None,
@@ -110,7 +110,7 @@ class Simulation:
         Parameters
         ----------
         entry, target : (3,) array_like
-            Where it enters and where its tip ends, in the world.
+            Where it enters and where its tip ends, in the world; or one Needle that is there.
         steps : int, default: 20
             Steps of the way.
         progress : callable, optional
@@ -134,6 +134,15 @@ class Simulation:
 
     def __repr__(self) -> str:
         return f"Simulation({self.model.name}, {self.tissue!r})"
+
+
+def _whole(entry: ArrayLike | Needle, target: ArrayLike | None) -> Needle:
+    """The needle at the end of its way."""
+    if isinstance(entry, Needle) and target is None:
+        return entry
+    if isinstance(entry, Needle) or target is None:
+        raise ValueError("target goes with an entry point; give both, or one Needle")
+    return Needle(entry, target)
 
 
 def _box(tissue: Any, entry_face: str | None, nodes: int) -> Tissue:
