@@ -98,6 +98,7 @@ def test_the_three_frames_name_the_same_needle(volume_file, tmp_path):
     assert np.allclose(reported, [*entry, *target])
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits(tmp_path):
     for name in ("a", "b"):
         assert insert("--out", tmp_path / name, "--seed", 7, *SMALL) == 0
@@ -117,6 +118,7 @@ def test_parameters_come_from_a_file_and_from_the_command_line(tmp_path, capsys)
     assert model["shaft_radius"] == pytest.approx(ss.NeedleTissueModel.paper(83.25).shaft_radius)
 
 
+@pytest.mark.slow
 def test_the_moving_mesh_reading_runs(tmp_path, capsys):
     assert insert("--accumulation", "incremental", "--kernel", "triharmonic", "--out", tmp_path, "--json", *SMALL) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -315,6 +317,7 @@ def test_a_field_that_folds_is_no_result_unless_it_is_asked_for(label_files, tmp
     assert value == pytest.approx(summary["smallest_det_jacobian"])
 
 
+@pytest.mark.slow
 def test_without_a_path_the_needle_comes_from_the_front(label_files, tmp_path, capsys):
     assert insert("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
     printed = json.loads(capsys.readouterr().out)

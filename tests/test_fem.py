@@ -37,6 +37,7 @@ def test_a_linear_displacement_is_reproduced(element, integration, solver, a_til
         assert patch_error(ScikitFem, grid, element=element, integration=integration, solver=solver) < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_a_smooth_displacement_is_approached_at_second_order(element, integration):
@@ -87,6 +88,7 @@ def test_full_integration_locks_and_mean_dilatation_does_not(monkeypatch):
     assert errors["mean_dilatation"] < errors["full"] / 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", LOADS, ids=["F", "D"])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_all_solvers_give_the_same(unit_tissue, an_oblique_needle, element, load):

@@ -70,6 +70,7 @@ def test_it_agrees_with_scikit_fem_on_the_papers_mesh(an_oblique_needle, element
     assert largest_difference(*both(tissue, LineForce(), an_oblique_needle, element=element)) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_it_agrees_where_every_cell_is_as_stiff_as_it_likes(unit_tissue, an_oblique_needle, element, rng):
     shear = np.exp(rng.normal(size=(12, 12, 12)))
@@ -104,6 +105,7 @@ def test_it_agrees_where_the_shaft_is_held(unit_tissue, an_oblique_needle, eleme
     assert largest_difference(ours, theirs) < 1e-9
 
 
+@pytest.mark.slow
 def test_it_agrees_on_a_turned_anisotropic_grid_of_nearly_incompressible_tissue(a_tilted_grid):
     tissue = ss.Tissue(a_tilted_grid, entry_face="z+")
     load = LineForce.for_cube(15, 10)
@@ -146,6 +148,7 @@ def test_a_worker_that_dies_says_why(unit_tissue, tmp_path, monkeypatch):
         model.solve(LineForce(), ss.Needle((0, 0.5, 0.5), (0.6, 0.5, 0.5)))
 
 
+@pytest.mark.slow
 def test_iterations_that_do_not_converge_are_an_error(unit_tissue, tmp_path, monkeypatch):
     impatient = fenicsx._WORKER.read_text().replace("_MOST_ITERATIONS = 5000", "_MOST_ITERATIONS = 3")
     (tmp_path / "worker.py").write_text(impatient)

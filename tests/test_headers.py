@@ -314,6 +314,7 @@ def test_what_a_user_wrote_into_a_header_is_no_matter(tmp_path):
         assert np.array_equal(read_volume(write(tmp_path, {name: content})).voxels, STORED)
 
 
+@pytest.mark.slow
 def test_a_long_line_costs_no_time(tmp_path):
     cases = {
         "blanks.mha": meta_image(Comment="a" + 60_000 * " " + "b") + BYTES[1:],

@@ -50,7 +50,7 @@ def assert_agree(responses):
 
 
 @pytest.mark.parametrize("needle", [OBLIQUE, ss.Needle((0, 50, 50), (60, 50, 50))], ids=["oblique", "on nodes"])
-@pytest.mark.parametrize("name", ["paper", "kelvinlet", "elastic"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("kelvinlet", marks=pytest.mark.slow), "elastic"])
 def test_the_number_of_steps_changes_a_field_by_at_most_its_error(name, needle):
     model = made(name)
     responses = [push(model, steps, needle) for steps in STEPS]

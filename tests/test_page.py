@@ -55,6 +55,7 @@ def skipped(sent):
     return [header["noise"] for (before, _), (header, _) in pairwise(sent) if header["noise"] > before["noise"] + 1]
 
 
+@pytest.mark.slow
 def test_pushing_shows_what_the_library_computes_and_pulling_back_returns_to_rest(drive):
     for _ in range(PUSHES):
         driver, target_at_rest, shown, sent = pushed(drive)

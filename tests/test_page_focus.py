@@ -58,6 +58,7 @@ WIDGETS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "widgets", [WIDGETS[:1], pytest.param(WIDGETS[1:], marks=pytest.mark.slow)], ids=["scene", "all"]
 )
@@ -78,6 +79,7 @@ def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive, widgets):
     assert driver.page.locator(".menu").is_hidden()
 
 
+@pytest.mark.slow
 def test_the_other_hands_keys_act_while_a_button_is_held(drive):
     driver = drive(script=LINK)
     box = driver.page.locator(".dock .push").bounding_box()

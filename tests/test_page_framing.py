@@ -53,6 +53,7 @@ def another_site():
     server.server_close()
 
 
+@pytest.mark.slow
 def test_another_site_takes_no_place(browser, another_site):
     running = Running(sessions=1)
     context = browser.new_context()

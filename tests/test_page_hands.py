@@ -60,6 +60,7 @@ def test_the_mouse_turns_the_wheel_drags_the_handle_and_types(drive):
     driver.until("document.activeElement.className.startsWith('image-pane')")  # keys act again
 
 
+@pytest.mark.slow
 def test_touch_lever_pad_and_inset(drive):
     driver = drive(size=SIZES["tablet"], touch=True)
     page = driver.page
@@ -98,6 +99,7 @@ def test_touch_lever_pad_and_inset(drive):
     driver.until(f"{STATUS} === 'frozen'")
 
 
+@pytest.mark.slow
 def test_a_gamepad_pushes_slides_and_freezes(drive):
     driver = drive()
     driver.evaluate("window.plugged = true")

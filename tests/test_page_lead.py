@@ -62,12 +62,10 @@ def push_the_lever(driver):
 
 
 WAYS = [hold_key, hold_button, pull_the_trigger, turn_the_wheel, drag_the_handle, click_the_track, push_the_lever]
-EVERY_DAY = (hold_button,)
 
 
-@pytest.mark.parametrize(
-    "push", [pytest.param(way, marks=() if way in EVERY_DAY else pytest.mark.slow, id=way.__name__) for way in WAYS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("push", WAYS, ids=lambda way: way.__name__)
 def test_no_way_of_pushing_runs_ahead_of_a_picture_that_does_not_come(drive, push):
     """As on a server at work on its first push: frames come late, and meanwhile the needle is not pushed blindly."""
     touch = push is push_the_lever
@@ -109,6 +107,7 @@ def test_turning_and_sliding_do_not_run_ahead_either(drive):
     assert [driver.knob(axis) for axis in ("slide", "sweep", "rotate", "fan")] == pytest.approx([2, 2, 4, 4])
 
 
+@pytest.mark.slow
 def test_the_track_is_gone_along_and_not_jumped_on(drive):
     driver = drive(script=LINK)
     page = driver.page

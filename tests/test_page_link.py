@@ -76,7 +76,8 @@ ALL = """() => [
 ]"""
 
 
-@pytest.mark.parametrize("leave", [reload, pytest.param(cut, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("leave", [reload, cut])
 def test_a_pass_survives(drive, leave):
     """Pose, probe, image, target, model and the metrics of the pass."""
     driver = drive("kidney", script=LINK)

@@ -17,7 +17,7 @@ CLIPPED = """() => {
 
 
 LAYOUTS = [
-    ("desktop", 68),
+    pytest.param("desktop", 68, marks=pytest.mark.slow),
     pytest.param("compact", 76, marks=pytest.mark.slow),
     pytest.param("tablet", 88, marks=pytest.mark.slow),
 ]
@@ -172,6 +172,7 @@ def test_the_names_in_the_plot_stand_apart_and_within_it(drive, layout):
             assert apart, (a, b)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size", [(720, 450), pytest.param((512, 384), marks=pytest.mark.slow)], ids=["of 1440 x 900", "of 1024 x 768"]
 )
@@ -196,6 +197,7 @@ COLOUR = """([selector, property]) =>
     getComputedStyle(document.querySelector(selector))[property].match(/[\\d.]+/g).map(Number)"""
 
 
+@pytest.mark.slow
 def test_with_forced_colours_the_marks_are_the_systems_and_the_image_stays_black(drive):
     driver = drive(size=SIZES["compact"], forced_colors="active")
     page = driver.page

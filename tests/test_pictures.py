@@ -39,6 +39,7 @@ def drawn_with(path, **environment):
     return path.read_bytes(), done.stderr
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_same_whatever_the_settings_are(tmp_path):
     plain, _ = drawn_with(tmp_path / "plain.png")
     (tmp_path / "wild").write_text("text.usetex: True\nsavefig.dpi: 3\nbackend: TkAgg\naxes.titlesize: 90\nno colon\n")

@@ -160,6 +160,7 @@ def test_flattening_is_told_from_the_curve():
     assert claims._flattening(curve([1, 2])).startswith("not measured")
 
 
+@pytest.mark.slow
 def test_reproduce_writes_report_and_figures_and_keeps_parts_of_a_stopped_run(tmp_path, monkeypatch, capsys, finished):
     parts, results = finished
     monkeypatch.setattr(study.Plan, "quick", classmethod(lambda cls, seed: TINY))

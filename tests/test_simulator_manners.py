@@ -114,6 +114,7 @@ def test_a_scene_from_outside_reads_no_file_elsewhere(page):
     assert "lies outside the folder the server was started in" in page.text("refused")["message"]
 
 
+@pytest.mark.slow
 def test_eight_clients_and_one_too_many():
     before = set(threading.enumerate())
     running = Running(sessions=8)

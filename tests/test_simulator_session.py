@@ -182,7 +182,7 @@ def break_core(patch, session):
     patch.setattr(_core.active, solving[session.model], broken)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", [pytest.param(m, marks=() if m == "elastic" else pytest.mark.slow) for m in MODELS])
 @pytest.mark.parametrize("how", [break_model, break_imager, break_aim, break_sampling, break_core])
 def test_a_step_that_fails_leaves_no_trace(scene, model, how, monkeypatch):
     """The frames after it are those of a session that never failed, bit for bit."""

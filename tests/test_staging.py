@@ -310,6 +310,7 @@ SWALLOWING = WAITING.replace(
 )
 
 
+@pytest.mark.slow
 def test_a_signal_that_a_library_swallows_is_raised_again(tmp_path):
     command = [sys.executable, "-c", SWALLOWING, tmp_path / "out"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:

@@ -94,6 +94,7 @@ def test_equal_designs_count_once():
     assert len(front.designs) == 1
 
 
+@pytest.mark.slow
 def test_the_front_does_not_depend_on_how_it_is_run(references):
     run = {"population": 6, "generations": 3, "seed": 3}
     objective = Objective(references)
@@ -200,6 +201,7 @@ def test_the_verb_tells_a_person_what_it_found(tmp_path, capsys, without_finite_
     assert tuple(content) == _parameters.NAMES
 
 
+@pytest.mark.slow
 def test_the_verb_keeps_its_finite_elements_for_the_next_time(tmp_path, capsys, monkeypatch):
     pytest.importorskip("skfem", reason="needs the extra 'fem'")
     monkeypatch.setenv("SONOSPLINE_CACHE", str(tmp_path / "cache"))
@@ -213,6 +215,7 @@ def test_the_verb_keeps_its_finite_elements_for_the_next_time(tmp_path, capsys, 
     assert len(list((tmp_path / "cache").iterdir())) == 11
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_parameters(tmp_path, without_finite_elements):
     for name, seed in (("a", "5"), ("b", "5"), ("c", "6")):
         assert cli.main(["tune", *TINY, "--seed", seed, "--out", str(tmp_path / name)]) == 0

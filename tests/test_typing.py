@@ -35,9 +35,11 @@ def programs(folder):
             yield file
 
 
+@pytest.mark.slow
 def test_calls_of_users_are_typed():
     assert checked(ROOT / "tests" / "typing" / "public_api.py", strict=True) == ""
 
 
+@pytest.mark.slow
 def test_examples_and_programs_of_the_pages_are_typed(tmp_path):
     assert checked(*sorted((ROOT / "examples").glob("*.py")), *programs(tmp_path)) == ""
