@@ -159,7 +159,7 @@ def test_a_client_that_does_not_read_is_hung_up_on():
 def test_a_client_that_vanishes_leaves_nothing(running):
     sessions = [thread for thread in threading.enumerate() if thread.name == "sonospline-session"]
     client = Client(running).__enter__().ready()
-    client.frame(client.ask(depth=9.0), draw=False)
+    client.frame(client.ask(depth=9.0))
     client.socket.socket.shutdown(socket.SHUT_RDWR)  # as a machine that goes away
     client.socket.socket.close()
     end = time.monotonic() + 20
