@@ -341,6 +341,7 @@ export class Session {
 
   private lose(loss: Loss): void {
     this.loss = loss;
+    this.pending = []; // a frame drawn after its connection was lost would look as if it were live
     this.setStatus("lost", true);
   }
 

@@ -51,6 +51,14 @@ describe("a session", () => {
     show(start);
   });
 
+  it("stays lost where a frame came before the connection was, and was not drawn", () => {
+    const header = { frame: 99, seq: 0, state: start, model: "paper", target: { id: "t" } } as unknown as FrameHeader;
+    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    wire.lost.emit({ attempt: 0, nextAt: 0, reason: "taken over" });
+    session.draw(1e6);
+    expect(session.status).toBe("lost");
+  });
+
   it("moves a knob it has never heard of, within its limits, and tells the server", () => {
     expect(session.value("image.persistence")).toBe(1);
     session.nudge("image.persistence", 7);
