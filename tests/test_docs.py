@@ -131,8 +131,13 @@ def found(name):
 
 
 @pytest.mark.parametrize("name", list(listed()))
-def test_every_name_of_the_api_is_there(name):
-    assert found(name) is not None
+def test_every_name_of_the_api_is_there_and_says_what_it_is(name):
+    assert inspect.getdoc(found(name))
+
+
+def test_a_name_that_is_not_there_is_missed():
+    with pytest.raises(AttributeError):
+        found("sonospline.Nonsense")
 
 
 def test_every_public_name_is_in_the_api():
