@@ -1,0 +1,17 @@
+from .coupling import Coupling as Coupling
+from .device import DeviceLimits as DeviceLimits
+from .device import DeviceState as DeviceState
+from .device import ForceDevice as ForceDevice
+from .fake_device import FakeDevice as FakeDevice
+from .fake_device import Felt as Felt
+from .force_loop import ForceLoop as ForceLoop
+from .force_loop import ForceReading as ForceReading
+from .force_loop import ForceTiming as ForceTiming
+from .haply_inverse import HaplyInverse as HaplyInverse
+from .link_connection import ClientInfo as ClientInfo
+from .link_server import LinkServer as LinkServer
+from .page_device import PageDevice as PageDevice
+from .page_device import PageForce as PageForce
+from .scanner import Scanner as Scanner
+from .scanner_names import ScannerNames as ScannerNames
+from .udp_device import UdpDevice as UdpDevice
