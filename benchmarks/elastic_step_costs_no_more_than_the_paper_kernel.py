@@ -14,8 +14,8 @@ import numpy as np
 
 import sonospline as ss
 from sonospline import _core
+from sonospline.elasticity import ElasticSolver
 from sonospline.mechanics import LineForce, labelled_cube
-from sonospline.models.elastic import ElasticSolver
 
 ROUNDS, IN_A_ROW = 8, 10
 LOAD = LineForce()

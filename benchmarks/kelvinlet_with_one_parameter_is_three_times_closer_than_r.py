@@ -11,9 +11,9 @@ import sys
 import numpy as np
 
 import sonospline as ss
+from sonospline.elasticity import ElasticSolver
 from sonospline.fem.held_shaft import held_shaft
 from sonospline.mechanics import LineForce, ShaftDisplacement
-from sonospline.models.elastic import ElasticSolver
 from sonospline.study.insertions import held_out_insertions, tuning_insertions
 from sonospline.study.objective import Objective, errors_at_target
 from sonospline.study.reference import Reference, errors_along

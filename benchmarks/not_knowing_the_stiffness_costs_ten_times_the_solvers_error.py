@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 import sonospline as ss
+from sonospline.elasticity import ElasticSolver
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import LABELLED_CUBES, LineForce, Material, TissueMap, labelled_cube
-from sonospline.models.elastic import ElasticInsertion, ElasticSolver
+from sonospline.models.elastic import ElasticInsertion
 from sonospline.study.insertions import held_out_insertions
 
 SIDE, FINE, FRAMES, DRAWS = 25, 49, 60, 8
@@ -28,7 +29,7 @@ def converged(material, side=SIDE):
 
 
 def live(tissues):
-    insertion = ElasticInsertion(tissue, tissues, LOAD, nodes=SIDE**3)
+    insertion = ElasticInsertion(tissue, tissues, LOAD, load_at="undeformed", nodes=SIDE**3)
     fields = []
     for needle in needles:
         insertion.reset()

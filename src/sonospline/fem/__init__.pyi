@@ -3,3 +3,7 @@ from .held_shaft import held_shaft as held_shaft
 from .history import history_of as history_of
 from .history import reference_history as reference_history
 from .model import FiniteElementModel as FiniteElementModel
+from .stepwise_needle import StepwiseNeedle as StepwiseNeedle
+from .stepwise_needle import StepwiseNeedleState as StepwiseNeedleState
+from .stepwise_tissue import StepwiseTissue as StepwiseTissue
+from .stepwise_tissue import StepwiseTissueState as StepwiseTissueState

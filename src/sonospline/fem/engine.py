@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mechanics.layers import turned
 from ..mechanics.material import Material
 from ..mechanics.moduli import Moduli
 
@@ -53,12 +54,11 @@ class System:
 
     Displacements are continuous and linear along each edge; sigma is Hooke's law,
     2 mu eps + lambda tr(eps) I, with the trace replaced by its mean over the element for
-    ``integration="mean_dilatation"``. The material is isotropic, so the points may be given
-    along any axes.
+    ``integration="mean_dilatation"``, and what layers resist of the mean strain.
     """
 
     points: Array
-    """(N, 3) positions of the nodes."""
+    """(N, 3) positions of the nodes, along axes of their own."""
     cells: NDArray[np.int64]
     """(E, 8) or (E, 4) node numbers, as :func:`sonospline.fem.mesh.cells` orders them."""
     pinned: Mask
@@ -70,6 +70,8 @@ class System:
     """One of :data:`SOLVERS`."""
     tolerance: float
     """Largest residual left by conjugate gradients, relative to the right-hand side."""
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    """(3, 3) the axes of the points, as columns along those of the grid, whose layers the material has."""
 
     @property
     def moduli(self) -> tuple[Array, Array]:
@@ -77,6 +79,17 @@ class System:
         both = (np.asarray(values, float) for values in self.material.lame_moduli)
         lame, shear = (np.repeat(m, len(self.cells) // m.size) if m.ndim else m for m in both)
         return lame, shear
+
+    @property
+    def layers(self) -> tuple[NDArray[np.int64], Array]:
+        """Elements (n,) that are layered, and their excess stiffness (n, 6, 6) as in :class:`Layers`."""
+        if isinstance(self.material, Material):
+            return np.zeros(0, np.int64), np.zeros((0, 6, 6))
+        shape, layers = self.material.shear.shape, self.material.layers
+        of_each = len(self.cells) // self.material.shear.size
+        first = of_each * np.ravel_multi_index(tuple(layers.cells.T), shape)
+        excess = turned(layers.excess, self.axes)
+        return (first[:, None] + np.arange(of_each)).ravel(), np.repeat(excess, of_each, axis=0)
 
 
 class Engine(ABC):

@@ -104,11 +104,15 @@ def _has_dolfinx(python: str) -> bool:
 
 def _arrays(system: System) -> dict[str, Array | NDArray[np.int64] | str | float]:
     lame, shear = system.moduli
+    layered, of_layers = system.layers
+    excess = np.zeros((len(system.cells), 6, 6) if len(layered) else (0, 6, 6))
+    excess[layered] = of_layers
     return {
         "points": system.points,
         "cells": system.cells,
         "first_lame": lame,
         "shear_modulus": shear,
+        "excess": excess,
         "integration": system.integration,
         "solver": system.solver,
         "tolerance": system.tolerance,

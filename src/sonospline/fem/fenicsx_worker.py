@@ -58,10 +58,16 @@ class Elasticity:
         def strain(u: Any) -> Any:
             return ufl.sym(ufl.grad(u))
 
-        self._stiffness_form = fem.form(
+        energy = (
             2 * shear * ufl.inner(strain(trial), strain(test)) * exact
             + first_lame * ufl.inner(ufl.div(trial), ufl.div(test)) * dilatation
         )
+        if len(task["excess"]):  # of layers, which resist the mean strain
+            entries = [[_coefficient(self._mesh, task["excess"][:, i, j]) for j in range(6)] for i in range(6)]
+            stress = ufl.dot(ufl.as_matrix(entries), _engineering(strain(trial)))
+            mean = ufl.dx(metadata={"quadrature_degree": 1})
+            energy += ufl.inner(stress, _engineering(strain(test))) * mean
+        self._stiffness_form = fem.form(energy)
         self._load_form = fem.form(ufl.inner(self._force, test) * exact)
         self._stiffness: Any = None
         self._eliminated: Any = None
@@ -174,6 +180,14 @@ def _dofs_of_nodes(space: Any, count: int) -> NDArray[np.int64]:
     blocks = np.empty(count, np.int64)
     blocks[given[nodes]] = dofs
     return blocks
+
+
+def _engineering(strain: Any) -> Any:
+    """xx, yy, zz, yz, xz, xy, the last three twice."""
+    import ufl
+
+    shear = [2 * strain[a, b] for a, b in ((1, 2), (0, 2), (0, 1))]
+    return ufl.as_vector([strain[a, a] for a in range(3)] + shear)
 
 
 def _coefficient(mesh: Any, values: Array) -> Any:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _definite
+from ..elasticity import ElasticSolver
 from ..geometry.needle import Needle
 from ..mechanics.shaft_displacement import ShaftDisplacement
-from ..models.elastic import ElasticSolver
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def held_shaft(solver: ElasticSolver, load: ShaftDisplacement, needle: Needle) -
     Examples
     --------
     >>> import sonospline as ss
-    >>> from sonospline.models.elastic import ElasticSolver
+    >>> from sonospline.elasticity import ElasticSolver
     >>> from sonospline.mechanics import ShaftDisplacement
     >>> from sonospline.fem.held_shaft import held_shaft
     >>> solver = ElasticSolver(ss.Tissue(ss.Grid.unit_cube(9)), nodes=9**3)

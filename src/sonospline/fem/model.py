@@ -31,7 +31,7 @@ _BYTES_A_NODE = 10_000
 
 
 class FiniteElementModel:
-    """Linear elasticity on a tissue's own nodes: pinned faces clamped, the entry face free (Sec. IV).
+    """Linear elasticity on a tissue's own nodes: pinned faces and rigid cells clamped, the entry face free (Sec. IV).
 
     Small strain, quasi-static. What does not change with the load (matrices, and the
     hierarchy or factor of the solver) is made at the first solve and kept.
@@ -95,6 +95,8 @@ class FiniteElementModel:
         cells_wanted = tuple(n - 1 for n in tissue.grid.shape)
         if isinstance(material, Moduli) and material.lame.shape != cells_wanted:
             raise ValueError(f"material has {material.lame.shape} cells; give the grid's {cells_wanted}")
+        if isinstance(material, Moduli) and material.fragments.any():
+            raise ValueError("material has floating fragments, which finite elements here do not know; make them stiff")
         self.material = Material() if material is None else material
         self.element = _validate.choice("element", element, ELEMENTS)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)
@@ -105,6 +107,8 @@ class FiniteElementModel:
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
         if self.tolerance >= 1:
             raise ValueError(f"tolerance = {tolerance:g} solves nothing; give a small one, e.g. 1e-10")
+        rigid = self.material.rigid_nodes if isinstance(self.material, Moduli) else False
+        self._pinned = (self.tissue.pinned | rigid).ravel()
         self.times: list[StepTimes] = []
         """Where the time of each solve went, in order."""
         self._axes = np.eye(3)
@@ -131,7 +135,7 @@ class FiniteElementModel:
         started = time.perf_counter()
         grid = self.tissue.grid
         force = load.body_force(grid.points, needle)
-        along = np.where(self.tissue.pinned.ravel(), np.nan, load.axial_displacement(grid.points, needle))
+        along = np.where(self._pinned, np.nan, load.axial_displacement(grid.points, needle))
         held = None
         if np.isfinite(along).any():
             held = np.zeros(force.shape, bool)
@@ -174,11 +178,12 @@ class FiniteElementModel:
         return System(
             points=grid.points @ self._axes,
             cells=cells(grid, self.element),
-            pinned=self.tissue.pinned.ravel(),
+            pinned=self._pinned,
             material=self.material,
             integration=self.integration,
             solver=self.solver,
             tolerance=self.tolerance,
+            axes=grid.direction.T @ self._axes,
         )
 
     def __repr__(self) -> str:

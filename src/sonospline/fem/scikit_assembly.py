@@ -1,7 +1,7 @@
 """The matrices of a system, by scikit-fem.
 
-An isotropic stiffness is Hooke's law applied to integrals of products of two derivatives,
-so only scalar matrices are integrated: six instead of nine times as many entries.
+A stiffness is Hooke's law applied to integrals of products of two derivatives, so only scalar
+matrices are integrated: six instead of nine times as many entries.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from .engine import System
 
 Array = NDArray[np.float64]
 
+_VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+"""Place of a strain's component among xx, yy, zz, yz, xz, xy."""
 _CENTRE = (np.full((3, 1), 0.5), np.ones(1))
 """The one-point quadrature of a hexahedron: point and weight."""
 
@@ -35,9 +37,12 @@ class Matrices:
 
 def assemble(system: System) -> Matrices:
     """Return the matrices of a system."""
-    basis, dilatation_basis, mass_basis = _bases(system)
+    basis, mean_basis, mass_basis = _bases(system)
     products = _derivative_products(basis)
-    dilatation = products if dilatation_basis is basis else _derivative_products(dilatation_basis)
+    mean = products if mean_basis is basis else _derivative_products(mean_basis)
+    dilatation = mean if system.integration == "mean_dilatation" else products
+    layered, excess = system.layers
+    of_layered = {axes: product[..., layered] for axes, product in mean.items()}
     local = len(basis.element_dofs)
     rows = np.tile(basis.element_dofs, (local, 1, 1))  # [column, row, cell], as scikit-fem orders its entries
     columns = np.swapaxes(rows, 0, 1)
@@ -49,6 +54,8 @@ def assemble(system: System) -> Matrices:
     for a in range(3):
         for b in range(3):
             entries = lame * dilatation[a, b] + shear * products[b, a] + (shear * laplace if a == b else 0)
+            for (c, d), product in of_layered.items():
+                entries[..., layered] += excess[:, _VOIGT[a, c], _VOIGT[b, d]] * product
             blocks[:, a, b] = np.bincount(place, weights=entries.ravel())
     starts = np.searchsorted(pairs, np.arange(nodes + 1) * nodes).astype(np.int32)
     numbers = (pairs % nodes).astype(np.int32)
@@ -60,7 +67,7 @@ def assemble(system: System) -> Matrices:
 
 
 def _bases(system: System) -> tuple[Any, Any, Any]:
-    """Bases for the stiffness, its dilatational part and the mass; quadrature is exact on parallelepipeds."""
+    """Bases for the stiffness, its parts of the mean strain and the mass; quadrature is exact on parallelepipeds."""
     skfem = require("skfem")
     points = np.ascontiguousarray(system.points.T)
     if system.cells.shape[1] == 4:
@@ -72,8 +79,7 @@ def _bases(system: System) -> tuple[Any, Any, Any]:
     mesh, element = skfem.MeshHex(points, cells, validate=False), skfem.ElementHex1()
     full = skfem.Basis(mesh, element, intorder=2)
     # The gradient of a trilinear displacement at the centre is its mean over a parallelepiped.
-    mean = skfem.Basis(mesh, element, quadrature=_CENTRE) if system.integration == "mean_dilatation" else full
-    return full, mean, full
+    return full, skfem.Basis(mesh, element, quadrature=_CENTRE), full
 
 
 def _derivative_products(basis: Any) -> dict[tuple[int, int], Array]:

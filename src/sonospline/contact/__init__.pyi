@@ -1,0 +1,10 @@
+from .events import Left as Left
+from .events import Punctured as Punctured
+from .events import Touched as Touched
+from .freezing import frozen as frozen
+from .frozen_contact import FrozenContact as FrozenContact
+from .medium import Medium as Medium
+from .motion import Answer as Answer
+from .motion import Motion as Motion
+from .push import Push as Push
+from .track import Track as Track

@@ -1,0 +1,108 @@
+"""How a track grows: points ahead of the cut, what resists there, and their compliance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.needle import Needle
+from .medium import Medium
+from .track import Passage, Track
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+APART = 0.7
+"""Distance between points, in widths of a load: closer ones tell the tissue nothing more."""
+_FIRST = 4
+"""Times as many iterations for the first point, whose displacement begins from rest."""
+_LEAST = 1e-9
+"""mm per mN, that tissue gives way by: beyond a wall that does not move there is nothing that does."""
+_WITHIN = 1e-6
+_FINE = 16
+"""Parts of the way between points at which membranes are looked for."""
+
+
+def begun(medium: Medium, needle: Needle) -> Track:
+    """Return the track of a needle that is about to enter."""
+    none, nothing = np.empty(0), np.empty((0, 3))
+    rest = medium.solver.rest.displacement
+    inside = medium.inside((needle.entry + _WITHIN * needle.direction)[None])[0]
+    track = Track(
+        apart=APART * medium.width, places=nothing, anchors=none, axial=none, lateral=nothing, offsets=nothing, tip=0.0,
+        cut=0.0, compliance=np.empty((0, 0)), columns=np.stack([rest] * 3), sliding=none.astype(bool),
+        used=none.astype(bool), held=none.astype(bool), resistance=np.empty((4, 0)),
+        passages=tuple(Passage(0.0, int(number), inward=True) for number in np.flatnonzero(inside)),
+    )  # fmt: skip
+    for place in (needle.entry, needle.entry + track.apart * needle.direction):
+        track, _ = _with_point(medium, track, place, needle, rest)
+    return track
+
+
+def extended(medium: Medium, track: Track, needle: Needle, cut: float, displacement: Single) -> tuple[Track, Array]:
+    """Return a track with a longer cut, and the displacement (n, 3) of the points that it has more."""
+    track = track.changed(cut=cut)
+    found = [np.empty((0, 3))]
+    while track.along[-1] <= cut:
+        # The tip cuts straight on: towards the tissue that the axis meets ahead.
+        last, axis = track.places[-1], needle.direction
+        ahead = medium.undeformed(displacement, (needle.tip + track.apart * axis)[None], last[None])[0]
+        way = ahead - last if (ahead - last) @ axis > 0.1 * track.apart else axis
+        place = last + track.apart * way / np.linalg.norm(way)
+        track, moved = _with_point(medium, track, place, needle, displacement)
+        found.append(moved)
+    return track, np.vstack(found)
+
+
+def _with_point(
+    medium: Medium, track: Track, place: Array, needle: Needle, displacement: Single
+) -> tuple[Track, Array]:
+    """The track with a point more, and how far (1, 3) the tissue there has moved."""
+    places, m = np.vstack([track.places, place]), len(track)
+    count = medium.iterations * (1 if m else _FIRST)
+    columns = np.stack(
+        [
+            medium.answer(place[None], axis[None], start, iterations=count)
+            for axis, start in zip(np.eye(3), track.columns, strict=True)
+        ]
+    )
+    # (3, m + 1, 3): by a force along each axis. A force there moves others as one at those would move it.
+    by_last = np.stack([medium.moved(column, places) for column in columns])
+    beside = by_last[:, :-1].reshape(3, 3 * m)
+    own = giving_way((by_last[:, -1] + by_last[:, -1].T) / 2)
+    moved = medium.moved(displacement, place[None])
+    anchor = float((needle.tip - place - moved[0]) @ needle.direction)
+    none = np.zeros((1, 3))
+    return track.changed(
+        places=places, anchors=np.append(track.anchors, anchor), axial=np.append(track.axial, 0.0),
+        lateral=np.vstack([track.lateral, none]), offsets=np.vstack([track.offsets, none]),
+        compliance=np.block([[track.compliance, beside.T], [beside, own]]), columns=columns,
+        sliding=np.append(track.sliding, False), used=np.append(track.used, False), held=np.append(track.held, False),
+        resistance=np.hstack([track.resistance, np.array(medium.resistance(place[None]))]),
+        passages=track.passages + _passages(medium, track, places),
+    ), moved  # fmt: skip
+
+
+def giving_way(own: Array) -> Array:
+    """A point's own compliance (3, 3), above zero: beside walls and bone few iterations may leave it below."""
+    values, axes = np.linalg.eigh(own)
+    if values[0] >= _LEAST:
+        return own
+    given: Array = (axes * np.maximum(values, _LEAST)) @ axes.T
+    return given
+
+
+def _passages(medium: Medium, track: Track, places: Array) -> tuple[Passage, ...]:
+    """The membranes between the last two points."""
+    if len(places) < 2 or not medium.membranes:
+        return ()
+    parts = np.arange(_FINE + 1) / _FINE
+    way = places[-2] + parts[:, None] * (places[-1] - places[-2])
+    way[0] += _WITHIN * (places[-1] - places[-2])  # the first point of all is in the skin
+    inside = medium.inside(way)
+    begin = float(track.along[-1])
+    changes = np.argwhere(inside[1:] != inside[:-1])
+    return tuple(
+        Passage(begin + track.apart * float(parts[part]), int(number), inward=bool(inside[part + 1, number]))
+        for part, number in changes
+    )
