@@ -74,20 +74,53 @@ def cell_matrices(spacing: tuple[float, float, float], full: bool) -> tuple[Arra
 
 def stiffness(level: Level, full: bool) -> Any:
     """Return the assembled operator of a level as a sparse matrix over (component, node)."""
+    spacing, lame, shear = level
+    return assembled(lame, shear, *cell_matrices(tuple(map(float, spacing)), full))
+
+
+def assembled(lame: Single, shear: Single, dilatation: Array, distortion: Array) -> Any:
+    """Return the operator of cells with such moduli, whose matrices for unit ones are given."""
     from scipy.sparse import coo_matrix
 
-    spacing, lame, shear = level
     shape = tuple(n + 1 for n in lame.shape)
     nodes = np.arange(np.prod(shape)).reshape(shape)
     cx, cy, cz = lame.shape
     corner = np.stack([nodes[i : cx + i, j : cy + j, k : cz + k].ravel() for i, j, k in _CORNERS], axis=1)
     local = np.concatenate([corner + a * nodes.size for a in range(3)], axis=1)
-    dilatation, distortion = cell_matrices(tuple(map(float, spacing)), full)
     entries = (
         lame.ravel().astype(float)[:, None, None] * dilatation + shear.ravel().astype(float)[:, None, None] * distortion
     )
     rows, columns = np.repeat(local, 24, axis=1), np.tile(local, (1, 24))
     return coo_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * nodes.size,) * 2).tocsr()
+
+
+def layer_stiffness(
+    shape: tuple[int, ...], spacing: tuple[float, float, float], layered: NDArray[np.int64], excess: Array | Single
+) -> Any:
+    """Return what layers add to the operator of a level, as a sparse matrix over (component, node).
+
+    ``excess`` (n, 6, 6) resists the mean strain of the cells ``layered`` (n, 3).
+    """
+    from scipy.sparse import coo_matrix
+
+    nodes = np.arange(np.prod(shape)).reshape(shape)
+    corner = np.stack([nodes[tuple((layered + corner).T)] for corner in _CORNERS], axis=1)
+    local = np.concatenate([corner + a * nodes.size for a in range(3)], axis=1)
+    strain = mean_strain(spacing)
+    entries = float(np.prod(spacing)) * np.einsum("ia,nij,jb->nab", strain, excess, strain, optimize=True)
+    rows, columns = np.repeat(local, 24, axis=1), np.tile(local, (1, 24))
+    return coo_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * nodes.size,) * 2).tocsr()
+
+
+def mean_strain(spacing: tuple[float, float, float]) -> Array:
+    """Return the mean strain (6, 24) of a cell for its unknowns: xx, yy, zz, yz, xz, xy, engineering shear strains."""
+    slopes = _SIGNS / (4 * np.array(spacing))
+    strain = np.zeros((6, 3, 8))
+    for a in range(3):
+        strain[a, a] = slopes[:, a]
+    for row, (a, b) in enumerate(((1, 2), (0, 2), (0, 1)), 3):
+        strain[row, a], strain[row, b] = slopes[:, b], slopes[:, a]
+    return strain.reshape(6, 24)
 
 
 def free_nodes(cells: tuple[int, ...], pinned: list[bool]) -> NDArray[np.bool_]:

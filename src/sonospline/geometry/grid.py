@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import prod
+from math import prod, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -211,16 +211,16 @@ def _orthonormal(direction: ArrayLike) -> Array:
 
 def _balanced_shape(sides: Array, nodes: int) -> tuple[int, int, int]:
     """Shape whose cells are as cubic and whose count is as near to ``nodes`` as whole numbers allow."""
-    low, high = 1e-12 * sides.max(), sides.max()
+    along = sides.tolist()
+    low, high = 1e-12 * max(along), max(along)
 
-    def shape_at(spacing: float) -> NDArray[np.int64]:
-        return np.maximum(np.rint(sides / spacing).astype(np.int64) + 1, 2)
+    def shape_at(spacing: float) -> tuple[int, int, int]:
+        x, y, z = (max(round(side / spacing) + 1, 2) for side in along)
+        return x, y, z
 
-    for _ in range(200):  # bisection on the logarithm of the spacing
-        middle = np.sqrt(low * high)
-        if np.prod(shape_at(middle).astype(float)) > nodes:
+    while low < (middle := sqrt(low * high)) < high:  # bisection on the logarithm of the spacing, to its last bit
+        if prod(shape_at(middle)) > nodes:
             low = middle
         else:
             high = middle
-    best = min((shape_at(low), shape_at(high)), key=lambda shape: abs(float(np.prod(shape)) - nodes))
-    return tuple(int(n) for n in best)  # type: ignore[return-value]
+    return min((shape_at(low), shape_at(high)), key=lambda shape: abs(prod(shape) - nodes))

@@ -87,3 +87,8 @@ class Needle(ByValue):
         along = (points - self.entry) @ self.direction
         foot = self.entry + along[..., None] * self.direction
         return Projection(along, foot, np.linalg.norm(points - foot, axis=-1))
+
+
+def equal_steps(whole: Needle, steps: int) -> list[Needle]:
+    """Return the needle after each of so many equal steps from its entry to its tip."""
+    return [Needle(whole.entry, whole.at(k / steps)) for k in range(1, steps + 1)]

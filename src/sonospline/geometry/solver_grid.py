@@ -16,6 +16,20 @@ _BETWEEN = np.sqrt(_COUNTS[1:] * _COUNTS[:-1])
 """Where one count is as near, in ratio, as the next."""
 
 
+def nodes_resolving(box: Grid, length: float, *, least: int = 25**3, most: int) -> int:
+    """Return about how many nodes a grid over a box has whose cells are no longer than a length, within limits.
+
+    Examples
+    --------
+    >>> import sonospline as ss
+    >>> from sonospline.geometry.solver_grid import nodes_resolving
+    >>> nodes_resolving(ss.Grid(shape=(41, 31, 21), spacing=5.0), 5.0, most=50_000)
+    26691
+    """
+    wanted = float(np.prod(box.extent / length + 1))
+    return int(np.clip(wanted, least, most))
+
+
 def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
     """Return a grid of about ``nodes`` nodes over the box of another, for the elastic solver.
 

@@ -20,7 +20,7 @@ _PRINTED = 5e-6
 
 @dataclass(frozen=True, repr=False)
 class Tissue:
-    """A block of tissue whose faces are pinned, all but the one the needle enters (Sec. V).
+    """A block of tissue whose faces are pinned, all but the one the needle enters (Sec. V) or those one chooses.
 
     Parameters
     ----------
@@ -28,6 +28,14 @@ class Tissue:
         Its nodes.
     entry_face : str, default: "x-"
         The free face, one of ``sonospline.FACES`` (lattice axis and side).
+    pinned_faces : sequence of str, optional
+        Faces that do not move, where tissue goes on beyond some of the others or the entry face is held, too; by
+        default all five but the entry face.
+
+    Raises
+    ------
+    ValueError
+        A grid that is none, or an unknown face.
 
     Examples
     --------
@@ -35,27 +43,35 @@ class Tissue:
     >>> tissue = ss.Tissue(ss.Grid.unit_cube(25), entry_face="x-")
     >>> int(tissue.pinned.sum()), tissue
     (2929, Tissue(25 x 25 x 25, 0.04167 mm, free face x-))
+    >>> ss.Tissue(tissue.grid, "x-", pinned_faces=("x+", "z-", "z+"))
+    Tissue(25 x 25 x 25, 0.04167 mm, free faces x-, y-, y+)
     """
 
     grid: Grid
     entry_face: str = "x-"
+    pinned_faces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.grid, Grid):
             raise ValueError(f"grid = {shown(self.grid)} is not a Grid; make one, e.g. Grid.unit_cube(53)")
         _validate.choice("entry_face", self.entry_face, FACES)
+        chosen = {_validate.choice("pinned_faces", face, FACES) for face in self.pinned_faces}
+        held = chosen or set(FACES) - {self.entry_face}
+        object.__setattr__(self, "pinned_faces", tuple(face for face in FACES if face in held))
 
     def __repr__(self) -> str:
-        return f"Tissue({size(self.grid.shape)}, {lengths(self.grid.spacing)}, free face {self.entry_face})"
+        free = self.free_faces
+        said = f"free face{'s' if len(free) > 1 else ''} {', '.join(free)}" if free else "no free face"
+        return f"Tissue({size(self.grid.shape)}, {lengths(self.grid.spacing)}, {said})"
 
     @property
-    def pinned_faces(self) -> tuple[str, ...]:
-        """The five faces that do not move."""
-        return tuple(face for face in FACES if face != self.entry_face)
+    def free_faces(self) -> tuple[str, ...]:
+        """The faces that may move."""
+        return tuple(face for face in FACES if face not in self.pinned_faces)
 
     @cached_property
     def pinned(self) -> NDArray[np.bool_]:
-        """Mask shaped like the grid: nodes that do not move, the rim of the entry face among them."""
+        """Mask shaped like the grid: nodes that do not move, the rims of free faces among them."""
         return self.grid.on_faces(self.pinned_faces)
 
     def distance_to_pinned(self, points: ArrayLike) -> Array:
@@ -74,7 +90,7 @@ class Tissue:
         for name, given in points.items():
             point = _validate.vector(name, given)
             beyond = self._beyond(point)
-            if not beyond.max() <= _PRINTED * (self.grid.extent.max() + np.abs(self._corners).max()):
+            if not beyond.max() <= self._rounding:
                 raise ValueError(
                     f"{name} = {point.tolist()} lies outside the tissue, {beyond.max():.3g} beyond its face "
                     f"{FACES[int(beyond.argmax())]}; {self._way_in(point)}"
@@ -84,6 +100,11 @@ class Tissue:
         """How far (6,) a point lies beyond each of :data:`FACES`; below zero where it is inside."""
         local = self.grid.local(point[None])[0]
         return np.stack([-local, local - self.grid.extent], axis=1).ravel()
+
+    @cached_property
+    def _rounding(self) -> float:
+        """By how much a printed point of a face may lie beyond it."""
+        return float(_PRINTED * (self.grid.extent.max() + np.abs(self._corners).max()))
 
     @property
     def _corners(self) -> Array:

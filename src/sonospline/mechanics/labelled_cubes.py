@@ -31,7 +31,7 @@ def labelled_cube(
     ----------
     name : {"homogeneous", "layers", "sphere", "bone", "cavity", "body"}
         ``layers``: 1, 5 and 2 times the stiffness in thirds along x. ``sphere``: ten times as stiff,
-        beside the usual paths. ``bone``: a bar along y, a thousand times as stiff. ``cavity``: a
+        beside the usual paths. ``bone``: a bar along y, a thousand times as stiff, elastic. ``cavity``: a
         tenth. ``body``: skin, fat, muscle, an organ, a tumour, a cavity and bone.
     side : float, default: 1.0
         Side of the cube, in the unit of the grid.
@@ -78,7 +78,7 @@ def labelled_cube(
         add(ball((0.55, 0.3, 0.7), 0.1), 0.1)
         add(bar, 1000.0)
     table = {
-        label: Material(stiffness_kpa=stiffness_kpa * factor, poissons_ratio=poissons_ratio, rigid=factor >= 1000)
+        label: Material(stiffness_kpa=stiffness_kpa * factor, poissons_ratio=poissons_ratio)
         for label, factor in enumerate(relative)
     }
     return TissueMap(Volume(voxels=labels, spacing=(spacing,) * 3, origin=np.full(3, spacing / 2)), table)

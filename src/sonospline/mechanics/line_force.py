@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import _validate
 from ..geometry.needle import Needle
+from .first_touch import BUILD_UP_MM, built_up
 from .loads import MILLI, AxialForce, LineLoad
 
 
@@ -26,6 +27,9 @@ class LineForce(LineLoad):
         P, force: mN where lengths are in mm and E in kPa. At or above zero.
     width : float, default: 0.05
         a, in the unit of the grid. Above zero.
+    build_up : float, default: 0.0
+        Depth over which P builds up from nothing, in the unit of the grid (see
+        :func:`~sonospline.mechanics.built_up`). At or above zero, where the whole acts at once.
 
     Raises
     ------
@@ -42,6 +46,7 @@ class LineForce(LineLoad):
     friction: float = 0.03
     tip_force: float = 0.007
     width: float = 0.05
+    build_up: float = 0.0
 
     @classmethod
     def for_cube(cls, side: float, youngs_modulus: float = 1.0) -> LineForce:
@@ -49,22 +54,27 @@ class LineForce(LineLoad):
         side = _validate.number("side", side, positive=True)
         modulus = _validate.number("youngs_modulus", youngs_modulus, positive=True)
         unit = cls()
-        return cls(unit.friction * modulus * side, unit.tip_force * modulus * side**2, unit.width * side)
+        lengths = unit.width * side, unit.build_up * side
+        return cls(unit.friction * modulus * side, unit.tip_force * modulus * side**2, *lengths)
 
     @classmethod
-    def physical(cls, *, friction_n_per_mm: float, tip_force_n: float, width_mm: float) -> LineForce:
+    def physical(
+        cls, *, friction_n_per_mm: float, tip_force_n: float, width_mm: float, build_up_mm: float = BUILD_UP_MM
+    ) -> LineForce:
         """Return the load of a friction in N/mm and a tip force in N, for lengths in mm and moduli in kPa.
 
         Examples
         --------
         >>> from sonospline.mechanics import LineForce
         >>> LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5)
-        LineForce(friction=30.0, tip_force=700.0, width=5.0)
+        LineForce(friction=30.0, tip_force=700.0, width=5.0, build_up=20.0)
         """
         friction = _validate.number("friction_n_per_mm", friction_n_per_mm)
         force = _validate.number("tip_force_n", tip_force_n)
-        return cls(MILLI * friction, MILLI * force, _validate.number("width_mm", width_mm, positive=True))
+        width = _validate.number("width_mm", width_mm, positive=True)
+        return cls(MILLI * friction, MILLI * force, width, _validate.number("build_up_mm", build_up_mm))
 
     def along(self, needle: Needle) -> AxialForce:
-        """Return the force along the axis of a needle."""
-        return AxialForce(np.array([0.0, needle.depth]), np.array([self.friction, -self.friction]), self.tip_force)
+        """Return the force along the axis of a needle, the same in any tissue."""
+        tip = self.tip_force * built_up(needle.depth, self.build_up)
+        return AxialForce(np.array([0.0, needle.depth]), np.array([self.friction, -self.friction]), tip)

@@ -9,11 +9,11 @@ carries the tissue along.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from ..geometry.needle import Needle
@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 
 MILLI = 1000.0
 """Millinewtons in a newton: kPa times square millimetres are mN."""
+NEEDLE_RADIUS_MM = 0.635
+"""Of an 18 gauge trocar."""
+PROCESS_ZONE_MM = 3.0
+"""How far from a needle's surface tissue tears and is spread, so that its force is passed on; assumed."""
 
 
 class Load(ABC):
@@ -57,6 +61,18 @@ class Load(ABC):
             object.__setattr__(self, field.name, value)
 
 
+class PointForces(NamedTuple):
+    """Forces at points of a needle's axis, along it."""
+
+    along: Array
+    """(n,) where, from the entry."""
+    amounts: Array
+    """(n,) how large."""
+
+    def __repr__(self) -> str:
+        return f"PointForces({len(self.along)} points, {self.amounts.sum():.4g} in all)"
+
+
 class AxialForce(NamedTuple):
     """The force along a needle's axis: friction that is constant between places, and a force at the tip."""
 
@@ -66,6 +82,26 @@ class AxialForce(NamedTuple):
     """(n,) by how much it does, force per length; they add up to zero."""
     tip: float
     """Force at the tip."""
+
+    def up_to(self, depth: ArrayLike) -> tuple[Array, Array]:
+        """Return the friction's sum from the entry to each depth, and that of its first moment."""
+        past = np.maximum(np.asarray(depth, float)[..., None] - self.places, 0.0)
+        return past @ self.changes, (past * (past / 2 + self.places)) @ self.changes
+
+    def at_points(self, depth: float, width: float) -> PointForces:
+        """Return forces at points that act as this one does, once each is smoothed by a Gaussian of a width.
+
+        Two for each piece of at most a width, which keep its sum and first moment, and of constant
+        friction its second moment; one for the tip.
+        """
+        edges = np.linspace(0.0, depth, max(1, int(np.ceil(depth / width))) + 1)
+        sums, moments = (np.diff(values) for values in self.up_to(edges))
+        held = sums != 0
+        low, high, sums = edges[:-1][held], edges[1:][held], sums[held]
+        middle = np.clip(moments[held] / sums, low, high)
+        apart = np.minimum((high - low) / np.sqrt(12), np.minimum(middle - low, high - middle))
+        along = np.concatenate([middle - apart, middle + apart, [depth]])
+        return PointForces(along, np.concatenate([sums / 2, sums / 2, [self.tip]]))
 
     def __repr__(self) -> str:
         return f"AxialForce({len(self.places)} changes of friction, {self.tip:.4g} at the tip)"
@@ -81,24 +117,29 @@ class LineLoad(Load):
         b = exp(-d^2 / 2a^2) / (2 pi a^2) *
             { q/2 [erf(tau / a sqrt 2) - erf((tau - L) / a sqrt 2)] + P exp(-(tau - L)^2 / 2a^2) / (a sqrt(2 pi)) }
 
-    A part of it lies beyond the faces of a box: ahead of the entry, and beside a needle within two
-    widths of a wall. :meth:`total_force` is the whole, the forces on the nodes of a box add up to less.
+    A part of it lies beyond the faces of a box, ahead of the entry, and beside a needle within two
+    widths of a wall. On the nodes of a solver's grid what lies beyond the free face is brought back by
+    a mirror; what lies beyond a wall is lost.
     """
 
     width: float
 
     @abstractmethod
     def along(self, needle: Needle) -> AxialForce:
-        """Return the force along the axis of a needle."""
+        """Return the force along the axis of a needle: of its pose alone."""
 
     @property
     def finest_length(self) -> float:
         return self.width
 
+    def widened(self, least: float) -> LineLoad:
+        """Return the load, at least so wide."""
+        return self if self.width >= least else replace(self, width=least)  # type: ignore[type-var]  # a dataclass
+
     def total_force(self, needle: Needle) -> float:
         """Return the whole force of a needle, along it: mN for mm and kPa."""
         force = self.along(needle)
-        return float((needle.depth - force.places) @ force.changes + force.tip)
+        return float(force.up_to(needle.depth)[0] + force.tip)
 
     def body_force(self, points: Array, needle: Needle) -> Array:
         from scipy.special import erf

@@ -116,7 +116,7 @@ def _parsed(where: str, entries: dict[str, Any]) -> dict[str, Material]:
         for key in values:
             if key not in known:
                 raise ValueError(f"{where}: [{name}] has an unknown key {key!r}; use {', '.join(known)}")
-        if "stiffness_kpa" not in values:
+        if "stiffness_kpa" not in values and not values.get("rigid"):
             raise ValueError(f"{where}: [{name}] lacks stiffness_kpa; add it")
         try:
             table[name] = Material(**values)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.grid import Grid
+from .fragments import Numbers, corners_of
+from .layers import Layers
 from .material import Material
 
 Array = NDArray[np.float64]
+Cells = NDArray[np.bool_]
 
 LARGEST_CONTRAST = 1e6
 """Stiffest over softest shear modulus, at most."""
@@ -37,6 +41,12 @@ class Moduli:
         First modulus, lambda; at or above zero.
     shear : (cx, cy, cz) ndarray
         Second modulus, mu; above zero.
+    rigid : (cx, cy, cz) ndarray of bool, optional
+        Cells that do not deform, whatever their moduli: bone.
+    fragments : (cx, cy, cz) ndarray of int, optional
+        Number of the fragment, from 1 on, that a rigid cell moves with; 0 of rigid cells that do not move.
+    layers : Layers, optional
+        Cells that are stiffer along their layers than across; by default there are none.
 
     Raises
     ------
@@ -49,9 +59,23 @@ class Moduli:
     grid: Grid
     lame: Array
     shear: Array
+    rigid: Cells = field(default_factory=lambda: np.zeros((0, 0, 0), bool))
+    fragments: Numbers = field(default_factory=lambda: np.zeros((0, 0, 0), np.int32))
+    layers: Layers = field(default_factory=Layers.none)
 
     def __post_init__(self) -> None:
         cells = tuple(n - 1 for n in self.grid.shape)
+        for name, kind in (("rigid", bool), ("fragments", np.int32)):
+            given = getattr(self, name)
+            if not given.size:
+                object.__setattr__(self, name, np.zeros(cells, kind))
+            elif given.shape != cells:
+                raise ValueError(f"{name} has shape {given.shape}; give {cells}, one value a cell of the grid")
+        if self.rigid.all():
+            raise ValueError(
+                "every cell of the grid is rigid, so nothing can move; give a larger box, more nodes, or "
+                "materials of which some are not rigid"
+            )
         for name, values in (("lame", self.lame), ("shear", self.shear)):
             if values.shape != cells:
                 raise ValueError(f"{name} has shape {values.shape}; give {cells}, one value a cell of the grid")
@@ -67,11 +91,11 @@ class Moduli:
                 f"shear moduli from {self.shear.min():.3g} to {self.shear.max():.3g} are beyond the solver's range; "
                 f"give stiffness in kPa, {SMALLEST_MODULUS:g} to {LARGEST_MODULUS:g}"
             )
-        contrast = self.shear.max() / self.shear.min()
+        contrast = self.contrast
         if contrast > LARGEST_CONTRAST * (1 + _ROUNDING):
             raise ValueError(
                 f"shear moduli differ by {contrast:.3g} times; give a contrast of at most {LARGEST_CONTRAST:g} "
-                "(bone is rigid beside soft tissue at a thousand already)"
+                "(rigid = true for bone)"
             )
 
     @classmethod
@@ -83,13 +107,24 @@ class Moduli:
 
     def __repr__(self) -> str:
         """Name the moduli by all their values: kept results are found by it."""
-        values = hashlib.sha256(self.lame.tobytes() + self.shear.tobytes()).hexdigest()[:16]
+        arrays = (self.lame, self.shear, self.rigid, self.fragments, *self.layers)
+        values = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:16]
         return f"Moduli({' x '.join(map(str, self.shear.shape))} cells, {values})"
 
     @property
     def lame_moduli(self) -> tuple[Array, Array]:
         """First and second modulus of each cell."""
         return self.lame, self.shear
+
+    @property
+    def contrast(self) -> float:
+        """Stiffest over softest shear modulus."""
+        return float(self.shear.max() / self.shear.min())
+
+    @cached_property
+    def rigid_nodes(self) -> Cells:
+        """Nodes (nx, ny, nz) that are a corner of a rigid cell."""
+        return corners_of(self.rigid)
 
     @property
     def poissons_ratio(self) -> float:

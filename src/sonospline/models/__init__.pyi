@@ -8,11 +8,8 @@ from .contract import TissueModel as TissueModel
 from .contract import UnknownForces as UnknownForces
 from .elastic import ElasticInsertion as ElasticInsertion
 from .elastic import ElasticModel as ElasticModel
-from .elastic import ElasticSolver as ElasticSolver
 from .insertion import NeedleInsertion as NeedleInsertion
 from .kelvinlet import DragModel as DragModel
-from .kelvinlet import Kelvinlet as Kelvinlet
-from .kelvinlet import KelvinletField as KelvinletField
 from .kelvinlet import KelvinletInsertion as KelvinletInsertion
 from .kelvinlet import KelvinletModel as KelvinletModel
 from .maker import make as make
@@ -24,9 +21,6 @@ from .registry import register as register
 from .registry import spec as spec
 from .registry import titles as titles
 from .simulation import Simulation as Simulation
-from .spline import Biharmonic as Biharmonic
 from .spline import Insertion as Insertion
-from .spline import NeedleTissueModel as NeedleTissueModel
 from .spline import PolyharmonicSpline as PolyharmonicSpline
 from .spline import SplineModel as SplineModel
-from .spline import Triharmonic as Triharmonic

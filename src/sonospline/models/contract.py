@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,15 +17,17 @@ from .._digest import digest
 from .._shown import shown
 from ..fields.field import Field
 from ..geometry.needle import Needle
+from ..geometry.needles import NO_NEEDLES, Named, Needles, named
 from ..geometry.tissue import Tissue
+from ..mechanics.bone_stop import Blocked, stopped
+from ..mechanics.tissue_map import TissueMap
 from . import registry
 from .capability import CapabilityError
 
 Array = NDArray[np.float64]
-Needles = Mapping[str, Needle] | Iterable[tuple[str, Needle]]
-Named = tuple[tuple[str, Needle], ...]
 
-NO_NEEDLES: Mapping[str, Needle] = MappingProxyType({})
+_PRINTED = 1e-4
+"""Of a force: less of it that is lost is not worth a word."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,11 @@ class NeedleForce(ByBits):
         Along the needle, from entry to tip, N.
     force_n : (3,) array_like
         The whole of it along the world's axes, N.
+    lost_n : float, default: 0.0
+        Along the needle, N, what of the load moves no tissue: it lies beyond a pinned wall, or acts on what
+        a wall or bone holds. It is not in ``axial_n``; both together are the load's whole.
+    moment_nmm : (3,) array_like, default: 0
+        About the tip, along the world's axes, N mm: of forces across the needle, where a model knows them.
 
     Examples
     --------
@@ -85,19 +91,43 @@ class NeedleForce(ByBits):
 
     axial_n: float
     force_n: Array
+    lost_n: float = 0.0
+    moment_nmm: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axial_n", _validate.real("axial_n", self.axial_n))
         object.__setattr__(self, "force_n", _validate.vector("force_n", self.force_n))
+        object.__setattr__(self, "lost_n", _validate.real("lost_n", self.lost_n))
+        object.__setattr__(self, "moment_nmm", _validate.vector("moment_nmm", self.moment_nmm))
 
     @classmethod
-    def along(cls, direction: ArrayLike, force_n: ArrayLike) -> NeedleForce:
-        """Return the force of a needle that points in a direction, a unit vector."""
-        return cls(float(np.dot(direction, force_n)), np.asarray(force_n, float))
+    def along(
+        cls,
+        direction: ArrayLike,
+        force_n: ArrayLike,
+        *,
+        whole_n: float | None = None,
+        moment_nmm: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> NeedleForce:
+        """Return the force of a needle that points in a direction, a unit vector; and what of its load is lost."""
+        axial = float(np.dot(direction, force_n))
+        lost = 0.0 if whole_n is None else whole_n - axial
+        return cls(axial, np.asarray(force_n, float), lost, np.asarray(moment_nmm, float))
+
+    @property
+    def lateral_n(self) -> float:
+        """Across the needle, N."""
+        return float(np.sqrt(max(float(self.force_n @ self.force_n) - self.axial_n**2, 0.0)))
+
+    def at(self, lever_mm: ArrayLike) -> Array:
+        """Return the moment (3,) about another point, so far (3,) from the tip, N mm: such as the needle's hub."""
+        result: Array = self.moment_nmm - np.cross(np.asarray(lever_mm, float), self.force_n)
+        return result
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{part:.4g}" for part in self.force_n)
-        return f"NeedleForce(axial_n={self.axial_n:.4g}, force_n=({parts}))"
+        lost = f", lost_n={self.lost_n:.2g}" if abs(self.lost_n) > _PRINTED * abs(self.axial_n) else ""
+        return f"NeedleForce(axial_n={self.axial_n:.4g}, force_n=({parts}){lost})"
 
 
 class UnknownForces(Mapping[str, NeedleForce]):
@@ -134,8 +164,9 @@ class Response:
         Its displacement.
     forces : mapping of str to NeedleForce
         Of each needle on it. Empty, and an error for whoever asks, where the model knows none.
-    events : tuple of str
-        What happened in the step.
+    events : tuple
+        What happened in the step: a :class:`~sonospline.mechanics.Blocked` for each needle that rests on bone, and
+        whatever a model adds.
     error_estimate : float, optional
         Error of the field relative to the field, where the model knows it.
     settled : bool, default: True
@@ -145,9 +176,14 @@ class Response:
     state: State
     field: Field
     forces: Mapping[str, NeedleForce]
-    events: tuple[str, ...] = ()
+    events: tuple[object, ...] = ()
     error_estimate: float | None = None
     settled: bool = True
+
+    @property
+    def blocked(self) -> Mapping[str, Blocked]:
+        """Which needles rest on bone, and on which."""
+        return {event.needle: event for event in self.events if isinstance(event, Blocked)}
 
     def __repr__(self) -> str:
         error = "" if self.error_estimate is None else f", error_estimate={self.error_estimate:.2g}"
@@ -186,6 +222,8 @@ class TissueModel(ABC):
     """As the registry knows it."""
     capabilities: ClassVar[frozenset[str]] = frozenset()
     """What it can do, of :data:`~sonospline.models.CAPABILITIES`."""
+    tissues: TissueMap | None = None
+    """What it is made of, where that has labels: no needle is loaded beyond the surface of a bone."""
 
     def __init__(self, tissue: Tissue) -> None:
         if not isinstance(tissue, Tissue):
@@ -217,7 +255,8 @@ class TissueModel(ABC):
         state : State
             Where the tissue is: :attr:`rest`, or the state of an earlier response. It is not changed.
         needles : mapping of str to Needle, or pairs of them
-            Every needle in the tissue, in world coordinates; none is a needle taken out.
+            Every needle in the tissue, in world coordinates; none is a needle taken out. One that meets bone ends
+            there: the response's state has it, and ``response.blocked`` says so.
         dt : float, default: 0.0
             Seconds since the state. Zero asks for the quasi-static answer of the pose alone, which
             is the only one that models without ``"time"`` know.
@@ -231,13 +270,15 @@ class TissueModel(ABC):
         ------
         ValueError
             A state of another model or another grid, two needles of one name, a needle outside the
-            tissue, a dt below zero or not finite.
+            tissue or with its entry in bone, a dt below zero or not finite.
         CapabilityError
             Several needles, and the model knows one.
         """
         self._check_state(state)
-        named = self._check_needles(needles)
-        return self._answer(state, dict(named), _validate.number("dt", dt))
+        dt = _validate.number("dt", dt)
+        inside, events = stopped(dict(self._check_needles(needles)), self.tissues, self._before(state))
+        response = self._answer(state, dict(inside), dt)
+        return replace(response, events=(*events, *response.events)) if events else response
 
     def facts(self, response: Response) -> dict[str, Any]:
         """Return what a summary says of a response: numbers, texts and lists of them, by name."""
@@ -246,6 +287,10 @@ class TissueModel(ABC):
     @abstractmethod
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
         """Answer to arguments that are checked; needles come in the order of their names."""
+
+    def _before(self, state: State) -> Field | None:
+        """The field of a state, where bone has moved with it; None where it has not."""
+        return None
 
     def _options(self) -> tuple[Any, ...]:
         """What answers depend on besides the tissue: numbers, texts, arrays, dataclasses of them."""
@@ -262,32 +307,14 @@ class TissueModel(ABC):
         raise ValueError(f"state is of {of}, not of this {which}; start from this model's rest")
 
     def _check_needles(self, needles: Needles) -> Named:
-        named = _named(needles)
-        if len(named) > 1 and "several needles" not in self.capabilities:
+        found = named(needles)
+        if len(found) > 1 and "several needles" not in self.capabilities:
             able = registry.able("several needles")
-            raise CapabilityError(self.name, "several needles", able, f"{len(named)} are given")
-        for name, needle in named:
-            where = "" if len(named) == 1 else f" of needle {name!r}"
+            raise CapabilityError(self.name, "several needles", able, f"{len(found)} are given")
+        for name, needle in found:
+            where = "" if len(found) == 1 else f" of needle {name!r}"
             self.tissue.check_inside(**{f"entry{where}": needle.entry, f"tip{where}": needle.tip})
-        return named
+        return found
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.tissue!r})"
-
-
-def _named(needles: Needles) -> Named:
-    """The needles by name, in the order of their names: sums over them have the same bits in any order."""
-    if isinstance(needles, Needle):
-        raise ValueError('needles = a Needle has no name; give {"needle": needle}')
-    try:
-        pairs = [(name, needle) for name, needle in (needles.items() if isinstance(needles, Mapping) else needles)]
-    except (TypeError, ValueError):
-        raise ValueError(f'needles = {shown(needles)} has no names; give {{"needle": Needle(entry, tip)}}') from None
-    seen: dict[str, Needle] = {}
-    for name, needle in pairs:
-        if not isinstance(name, str) or not isinstance(needle, Needle):
-            raise ValueError(f'needles has {shown(name)}: {shown(needle)}; give {{"needle": Needle(entry, tip)}}')
-        if name in seen:
-            raise ValueError(f"needles has two named {name!r}; give each a name of its own")
-        seen[name] = needle
-    return tuple(sorted(seen.items(), key=lambda pair: pair[0]))

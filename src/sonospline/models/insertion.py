@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 from numpy.typing import ArrayLike
 
 from .. import _validate
 from ..fields.field import Field
-from ..geometry.needle import Needle
+from ..geometry.needle import Needle, equal_steps
 from .contract import Response, State, TissueModel
 
 NEEDLE = "needle"
@@ -16,6 +17,16 @@ NEEDLE = "needle"
 _MOST_STEPS = 400
 _SHORTEST_STEP = 1e-9
 """In sides of the tissue."""
+
+T = TypeVar("T")
+
+
+def until_blocked(way: Iterator[T], response: Callable[[], Response]) -> Iterator[T]:
+    """Yield the steps of a way up to the first at whose end, by the response in force, a needle rests on bone."""
+    for step in way:
+        yield step
+        if response().blocked:
+            return
 
 
 class NeedleInsertion:
@@ -73,13 +84,14 @@ class NeedleInsertion:
         return self.field
 
     def run(self, entry: ArrayLike, target: ArrayLike, steps: int = 20) -> Iterator[Field]:
-        """Advance from entry to target in equal steps, yielding the field after each (Sec. V)."""
+        """Advance from entry to target in equal steps, yielding the field after each (Sec. V); bone ends the way."""
         _validate.count("steps", steps)
         whole = Needle(entry, target)
         self.tissue.check_inside(entry=whole.entry, target=whole.tip)
         if whole.depth / steps < _SHORTEST_STEP * self.tissue.grid.side:
             raise ValueError(f"steps = {steps} are steps of {whole.depth / steps:.1e}; give fewer")
-        return (self.advance(Needle(whole.entry, whole.at(k / steps))) for k in range(1, steps + 1))
+        way = (self.advance(needle) for needle in equal_steps(whole, steps))
+        return until_blocked(way, lambda: self.response)
 
     @property
     def state(self) -> State:

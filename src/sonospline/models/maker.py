@@ -74,4 +74,6 @@ def make(
     model = found.maker(tissue, Material(DEFAULT_KPA) if materials is None else materials, **values)
     if not isinstance(model, TissueModel):
         raise ValueError(f"model = {name!r} makes {shown(model)}, which is not a TissueModel; ask whoever offers it")
+    if isinstance(materials, TissueMap):
+        model.tissues = materials
     return model

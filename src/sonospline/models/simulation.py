@@ -12,13 +12,14 @@ from .. import _validate
 from .._shown import shown
 from ..geometry.grid import Grid
 from ..geometry.label_map import LabelMap
-from ..geometry.needle import Needle
+from ..geometry.needle import Needle, equal_steps
+from ..geometry.needles import NO_NEEDLES, Needles
 from ..geometry.tissue import Tissue
 from ..mechanics.material import Material
 from ..mechanics.material_table import Materials
 from ..mechanics.tissue_map import TissueMap
-from .contract import NO_NEEDLES, Needles, Response, TissueModel
-from .insertion import NEEDLE
+from .contract import Response, TissueModel
+from .insertion import NEEDLE, until_blocked
 from .maker import make
 
 logger = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ class Simulation:
     >>> sim = ss.Simulation(ss.Grid(shape=(25, 25, 25), spacing=4), model="elastic", solver_nodes=13**3)
     >>> response = sim.insert(entry=(0, 48, 48), target=(60, 48, 48), steps=5)
     >>> round(response.forces["needle"].axial_n, 1), response.settled
-    (2.4, True)
+    (2.5, True)
     """
 
     def __init__(
@@ -90,12 +91,16 @@ class Simulation:
         return self.response
 
     def run(self, entry: ArrayLike | Needle, target: ArrayLike | None = None, *, steps: int = 20) -> Iterator[Response]:
-        """Insert a needle, ``"needle"``, from the rest state in equal steps, yielding the response to each."""
+        """Insert a needle, ``"needle"``, from the rest state in equal steps, yielding the response to each.
+
+        Where it meets bone the way ends: the last response says so in ``blocked``.
+        """
         _validate.count("steps", steps)
         whole = _whole(entry, target)
         self.tissue.check_inside(entry=whole.entry, target=whole.tip)
         self.reset()
-        return (self.step({NEEDLE: Needle(whole.entry, whole.at(k / steps))}) for k in range(1, steps + 1))
+        way = (self.step({NEEDLE: needle}) for needle in equal_steps(whole, steps))
+        return until_blocked(way, lambda: self.response)
 
     def insert(
         self,
@@ -119,7 +124,8 @@ class Simulation:
         Returns
         -------
         Response
-            At the target: ``field``, ``forces["needle"]``, ``error_estimate``.
+            At the target, or where bone stops the needle, as ``blocked`` says: ``field``, ``forces["needle"]``,
+            ``error_estimate``.
         """
         for made, _ in enumerate(self.run(entry, target, steps=steps), start=1):
             if progress:

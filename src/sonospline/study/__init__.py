@@ -1,1 +1,1 @@
-"""The models against finite elements, and the library against its peers: errors, tuning, times, claims."""
+"""The models against finite elements, as in the paper and beyond: tuning, errors, times, claims."""

@@ -13,8 +13,8 @@ from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..io.canvas import picture
+from ..mechanics.interaction import NeedleTissueModel, shaft_displacement, tip_displacement
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel, shaft_displacement, tip_displacement
 
 Array = NDArray[np.float64]
 

@@ -20,12 +20,12 @@ _DECADES = 3
 
 
 def draw_maps(maps: dict[str, Row], path: Path) -> None:
-    """Write the errors in the middle plane, a column for each cube.
+    """Write the errors in the plane of the needle, a column for each specimen.
 
     Parameters
     ----------
     maps : dict of str to dict
-        For each cube, (nx, nz) lists: ``reference`` displacement, the error of each model, ``labels``;
+        For each specimen, (depth, across) lists: ``reference`` displacement, the error of each model, ``labels``;
         and the ends of the ``needle`` in nodes.
     path : Path
         File to write.
@@ -35,13 +35,14 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
     with picture(path, 3.1 * len(maps) + 1.2, 2.9 * (1 + len(_SHOWN)), dpi=100) as figure:
         panels = figure.subplots(1 + len(_SHOWN), len(maps), squeeze=False)
         drawn = {}
-        for column, (cube, fields) in zip(panels.T, maps.items(), strict=True):
+        for column, (specimen, fields) in zip(panels.T, maps.items(), strict=True):
             largest = np.max(fields["reference"])
             for panel, name in zip(column, ("reference", *_SHOWN), strict=True):
                 panel.set_xticks([])
                 panel.set_yticks([])
                 if name not in fields:
                     panel.axis("off")
+                    panel.text(0.5, 0.5, "no labels to know", ha="center", va="center", color="0.4")
                     continue
                 shares = np.array(fields[name]).T / largest
                 norm = None if name == "reference" else LogNorm(10.0**-_DECADES, 1.0, clip=True)
@@ -53,7 +54,7 @@ def draw_maps(maps: dict[str, Row], path: Path) -> None:
                 for label in np.unique(labels)[1:]:
                     panel.contour(labels == label, levels=[0.5], colors="white", linewidths=0.7)
             column[0].plot(*np.transpose(fields["needle"]), color=NEEDLE, lw=1.5)
-            column[0].set_title(cube)
+            column[0].set_title(specimen)
         for row, name in zip(panels, ("reference", *_SHOWN), strict=True):
             label = "finite elements, |u|" if name == "reference" else f"error, {model_titles()[name]}"
             row[-1].annotate(label, (1.04, 0.5), xycoords="axes fraction", rotation=270, va="center", fontsize=9)
@@ -69,18 +70,18 @@ def draw_depths(rows: list[Row], path: Path) -> None:
     Parameters
     ----------
     rows : list of dict
-        ``cube``, ``model``, ``depth`` (fraction of the way) and ``relative``, for each insertion.
+        ``specimen``, ``model``, ``depth`` (fraction of the way) and ``relative``, for each insertion.
     path : Path
         File to write.
     """
-    means = mean_rows(rows, "cube", "model", "depth")
-    cubes = list(dict.fromkeys(row["cube"] for row in means))
+    means = mean_rows(rows, "specimen", "model", "depth")
+    cubes = list(dict.fromkeys(row["specimen"] for row in means))
     with picture(path, 3.1 * len(cubes), 4.0, dpi=100) as figure:
         panels = figure.subplots(1, len(cubes), sharey=True, squeeze=False)[0]
         for panel, cube in zip(panels, cubes, strict=True):
             for number, (model, label) in enumerate(model_titles().items()):
                 line = [
-                    (row["depth"], row["relative"]) for row in means if (row["cube"], row["model"]) == (cube, model)
+                    (row["depth"], row["relative"]) for row in means if (row["specimen"], row["model"]) == (cube, model)
                 ]
                 if line:
                     style = {"marker": "o", "ms": 3, "lw": 2.2 if model == "elastic" else 1.3}

@@ -85,11 +85,6 @@ def held_out_insertions() -> tuple[PlannedInsertion, ...]:
     return _read("held_out")
 
 
-def equal_steps(whole: Needle, steps: int) -> list[Needle]:
-    """Return the needle after each of so many equal steps from its entry to its tip."""
-    return [Needle(whole.entry, whole.at(k / steps)) for k in range(1, steps + 1)]
-
-
 @cache
 def _read(group: str) -> tuple[PlannedInsertion, ...]:
     rows = tomllib.loads(files(__package__).joinpath("insertions.toml").read_text("utf-8"))[group]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,11 @@ from ..io.writing import write_json
 
 logger = logging.getLogger(__name__)
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 class Notebook:
-    """Parts of a study, each a JSON file that also says under which settings it was made.
+    """Parts of a study, each a JSON file that also says under which settings it was made, and in how many seconds.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ class Notebook:
         self._tell = tell
 
     def part(self, name: str, settings: dict[str, Any], compute: Callable[[], Any]) -> Any:
-        """Return what ``compute`` returned under these settings, now or in an earlier run.
+        """Return what ``compute`` returned under these settings, now or in an earlier run of this version.
 
         Parameters
         ----------
@@ -56,14 +58,15 @@ class Notebook:
             Makes the result, which JSON must be able to hold.
         """
         file = self._folder / f"{name}.json"
-        stamp = {"format": _FORMAT, "settings": json.loads(json.dumps(settings))}
+        stamp = {"format": _FORMAT, "version": version("sonospline"), "settings": json.loads(json.dumps(settings))}
         known = _read(file)
         if known is not None and {key: known[key] for key in stamp} == stamp:
             return known["result"]
         if self._tell:
             self._tell(name.replace("_", " "))
+        began = time.perf_counter()
         result = json.loads(json.dumps(compute()))
-        page = {**stamp, "result": result}
+        page = {**stamp, "seconds": time.perf_counter() - began, "result": result}
         try:
             write_json(file, {**page, "seal": _seal(page)})
         except OSError as error:
@@ -79,7 +82,7 @@ def _read(file: Path) -> dict[str, Any] | None:
         page = json.loads(file.read_bytes())
         if page.pop("seal") != _seal(page):
             raise ValueError("it is damaged, or not of this version")
-        return {key: page[key] for key in ("format", "settings", "result")}
+        return {key: page[key] for key in ("format", "version", "settings", "result")}
     except Exception as error:  # whatever is wrong with a part, it must not end the study
         logger.warning("the part kept in %s cannot be used and will be made anew: %r", file, error)
         return None

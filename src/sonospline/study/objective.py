@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel
 from .metrics import Errors, mean_errors
 from .reference import Reference, errors_along
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.needle import Needle
+from ..geometry.needle import Needle, equal_steps
+from ..mechanics.interaction import TABLE_I_SPACING, NeedleTissueModel, interaction
+from ..mechanics.landmarks import plan_landmarks, select_anchors
 from ..models.spline.faces import Progress
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import TABLE_I_SPACING, NeedleTissueModel, interaction
-from ..models.spline.landmarks import plan_landmarks, select_anchors
 from ..models.spline.spline import PolyharmonicSpline
 from .metrics import displacement_errors, mean_errors
 from .reference import Reference
@@ -157,7 +157,7 @@ def _current(reference: Reference, model: NeedleTissueModel, steps: int, epsilon
 def _additive(reference: Reference, model: NeedleTissueModel, steps: int) -> Array:
     """The sum of what it does at every step, from the undeformed nodes."""
     needle = _needle(reference)
-    return _from_reference(reference, model, [Needle(needle.entry, needle.at(k / steps)) for k in range(1, steps + 1)])
+    return _from_reference(reference, model, equal_steps(needle, steps))
 
 
 def _from_reference(

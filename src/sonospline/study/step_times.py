@@ -1,32 +1,28 @@
-"""Time per step of finite elements, three ways, and of the models: one run, one thread each.
-
-Run as a program it prints JSON; :func:`measure` does so in a fresh process, because the
-threads of BLAS and of the direct solver are fixed when they are first loaded.
-"""
+"""Time per step of finite elements, three ways, of the models and of the paper's dense step: one run, one thread."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ..bench.contenders import PaperStep
+from ..bench.problem import Problem
+from ..bench.timing import several, steps_ms
 from ..fem import FiniteElementModel
 from ..geometry.grid import Grid
-from ..geometry.needle import Needle
+from ..geometry.needle import Needle, equal_steps
 from ..geometry.tissue import Tissue
 from ..mechanics import labelled_cube
+from ..mechanics.interaction import NeedleTissueModel
 from ..mechanics.line_force import LineForce
 from ..models.elastic import ElasticInsertion
 from ..models.insertion import NeedleInsertion
 from ..models.kelvinlet import KelvinletInsertion
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel
-from .insertions import equal_steps, held_out_insertions
-from .timing import steps_ms
+from .insertions import held_out_insertions
+from .one_thread import in_one_thread
 
 Row = dict[str, Any]
 
@@ -35,7 +31,6 @@ MODELS = ("ours", "kelvinlet", "elastic", "elastic_fine")
 """The paper's spline, the Kelvinlet, and finite elements: on 25^3 nodes up-sampled, and on about the nodes shown."""
 
 _LIVE_NODES = 25**3
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "SONOSPLINE_THREADS"), "1")
 _TURNS = 3
 """So many of the last steps are timed; one before them makes what is kept."""
 _LARGE = 20_000
@@ -59,12 +54,7 @@ def measure(side: int, engines: dict[str, str]) -> Row:
     RuntimeError
         That process failed; the last line it said is quoted.
     """
-    command = [sys.executable, "-m", __name__, str(side), json.dumps(engines)]
-    done = subprocess.run(command, env=os.environ | _ONE_THREAD, capture_output=True, text=True, check=False)
-    if done.returncode:
-        said = done.stderr.strip().splitlines() or ["nothing"]
-        raise RuntimeError(f"timing {side}^3 failed: {said[-1]}")
-    row: Row = json.loads(done.stdout)
+    row: Row = in_one_thread(timed, side, engines)
     return row
 
 
@@ -86,11 +76,11 @@ def _models(tissue: Tissue, needles: list[Needle]) -> Row:
     """A step of each model, all nodes evaluated: the median of the last half of the steps of three insertions."""
     spline = Insertion(tissue, NeedleTissueModel.paper())
     body, load = labelled_cube("body"), LineForce()
-    fine = ElasticInsertion(tissue, body, load, nodes=tissue.grid.node_count)
+    fine = ElasticInsertion(tissue, body, load, load_at="undeformed", nodes=tissue.grid.node_count)
     drag = KelvinletInsertion(tissue)  # keeps nothing from step to step
     insertions: dict[str, NeedleInsertion] = {
         "ours": spline,
-        "elastic": ElasticInsertion(tissue, body, load, nodes=_LIVE_NODES),
+        "elastic": ElasticInsertion(tissue, body, load, load_at="undeformed", nodes=_LIVE_NODES),
         "elastic_fine": fine,
     }
     spent: dict[str, list[float]] = {name: [] for name in insertions}
@@ -100,6 +90,7 @@ def _models(tissue: Tissue, needles: list[Needle]) -> Row:
     spent["kelvinlet"] = steps_ms(drag, needles[-_TURNS:])
     return {f"{name}_ms": float(np.median(times)) for name, times in spent.items()} | {
         "ours_range_ms": [min(spent["ours"]), max(spent["ours"])],
+        "dense_ms": several(partial(PaperStep().step, Problem.of(spline))),
         "landmarks": spline.landmark_count + len(spline.anchors),
         "elastic_fine_nodes": fine.solver.grid.node_count,
     }
@@ -108,7 +99,3 @@ def _models(tissue: Tissue, needles: list[Needle]) -> Row:
 def _finite_element_ms(model: FiniteElementModel, needle: Needle) -> float:
     model.solve(LineForce(), needle)
     return 1e3 * model.times[-1].total_s
-
-
-if __name__ == "__main__":
-    json.dump(timed(int(sys.argv[1]), json.loads(sys.argv[2])), sys.stdout)

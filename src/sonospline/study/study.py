@@ -2,117 +2,166 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field, fields
-from functools import lru_cache
+from dataclasses import asdict, fields
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._extras import present
+from .._digest import digest
+from ..bench import machine
 from ..fem import FiniteElementModel, history_of
 from ..geometry.grid import Grid
 from ..geometry.tissue import Tissue
+from ..io.labels import read_labels
+from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel
-from . import step_times
+from . import dense_steps, drift, specimens, step_times
 from .insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from .metrics import Errors
-from .models_compared import Scope, compare_friction, compare_held, held_factors
+from .models_compared import compare_friction, compare_held, equal_to_scikit_fem, held_factors
 from .notebook import Notebook
 from .objective import Objective, errors_at_target
-from .parallel import usable_processors
+from .plan import Plan
 from .readings import compare_readings
 from .reference import Reference, errors_along
+from .specimens import Specimen
 from .thin_plate import ThinPlate, plane_errors
-from .tuning import GENERATIONS, POPULATION, search
+from .tuning import search
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
-Tell = Callable[[str], None]
+
+PARTS = ("tuning", "target", "errors", "drift", "plane", "readings", "models", "anatomy", "times", "dense")
+"""Of the study, in the order they are computed; the last two want a machine that does nothing else."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """How much of the study is done, and with which engine."""
-
-    seed: int
-    solver: str
-    """Of the references, which scikit-fem computes: "multigrid", or "direct" where Pardiso is at hand."""
-    timed: dict[str, str]
-    """The engine each solver is timed with."""
-    sides: tuple[int, ...] = (25, 31, 37, 43, 48, 53)
-    """Nodes a side of the meshes errors and times are measured on; the first is tuned on."""
-    depths: int = 10
-    """Equal steps to the target at which errors are measured."""
-    tuning_depths: int = 2
-    """How many of them are tuned on; a divisor of their number."""
-    population: int = POPULATION
-    generations: int = GENERATIONS
-    scope: Scope = field(default_factory=Scope)
-    """How much the three models are compared."""
-    workers: int = field(default_factory=usable_processors, compare=False)
-
-    @classmethod
-    def full(cls, seed: int) -> Plan:
-        """Return the whole study, timed with the paper's own engine, FEniCSx, and the fastest factor at hand."""
-        pardiso = present("pypardiso")
-        timed = dict.fromkeys(("from_scratch", "multigrid", "direct"), "fenicsx")
-        return cls(
-            seed,
-            "direct" if pardiso else "multigrid",
-            timed | {"direct": "scikit-fem"} if pardiso else timed,
-        )
-
-    @classmethod
-    def quick(cls, seed: int) -> Plan:
-        """Return a study of a few minutes: two meshes, a small search, the engine that pip installs."""
-        timed = dict.fromkeys(("from_scratch", "multigrid", "direct"), "scikit-fem")
-        return cls(
-            seed,
-            "multigrid",
-            timed,
-            sides=(25, 31),
-            depths=2,
-            tuning_depths=1,
-            population=16,
-            generations=12,
-            scope=Scope(("H3",), fine=49, depths=4),
-        )
+def run_study(plan: Plan, notebook: Notebook, only: Collection[str] = PARTS) -> Row:
+    """Return every figure of the report, or those of some parts; what the notebook holds is not computed again."""
+    study = Study(plan, notebook)
+    labels = None if plan.labels is None else str(plan.labels)
+    return {"plan": asdict(plan) | {"labels": labels}} | {
+        name: getattr(study, name)() for name in PARTS if name in only
+    }
 
 
-def run_study(plan: Plan, notebook: Notebook) -> Row:
-    """Return every figure of the report; parts that the notebook holds are not computed again."""
-    tuning = notebook.part("tuning", _settings(plan, "population", "generations", "tuning_depths"), lambda: _tune(plan))
-    models = {"tuned": NeedleTissueModel(**tuning["parameters"]), "paper": NeedleTissueModel.paper()}
-    return {
-        "plan": asdict(plan),
-        "tuning": tuning,
-        "target": _part(notebook, plan, "errors at the target", models, lambda: _at_target(plan, models)),
-        "errors": [
+class Study:
+    """The parts of the study: a method each, which returns rows that JSON holds and keeps them in a notebook."""
+
+    def __init__(self, plan: Plan, notebook: Notebook) -> None:
+        self._plan = plan
+        self._notebook = notebook
+
+    def tuning(self) -> Row:
+        """The parameters nearest to finite elements, and the front they are from."""
+        plan = self._plan
+        settings = self._settings("population", "generations", "tuning_depths")
+        return self._notebook.part("tuning", settings, partial(_tune, plan))
+
+    @cached_property
+    def _models(self) -> dict[str, NeedleTissueModel]:
+        """The paper's model with the tuned parameters and with the printed ones."""
+        return {"tuned": NeedleTissueModel(**self.tuning()["parameters"]), "paper": NeedleTissueModel.paper()}
+
+    def target(self) -> Row:
+        """Mean errors on the tuning mesh at full depth, of both models, on tuned and on held-out insertions."""
+        return self._on_the_tuning_mesh("errors_at_the_target", partial(_at_target, self._plan, self._models))
+
+    def errors(self) -> list[Row]:
+        """Errors by mesh, depth and insertion."""
+        plan, models = self._plan, self._models
+        return [
             row
             for side in plan.sides
             for insertion in held_out_insertions()
-            for row in notebook.part(
+            for row in self._notebook.part(
                 f"errors_{side}_{insertion.name}",
-                _settings(plan, "depths") | {"side": side, "models": _parameters(models)},
-                lambda side=side, insertion=insertion: _errors(plan, side, insertion, models),  # type: ignore[misc]
+                self._settings("depths") | {"side": side, "models": _parameters(models)},
+                partial(_errors, plan, side, insertion, models),
             )
-        ],
-        "times": [
-            notebook.part(
-                f"times_{side}",
-                {"side": side, "engines": plan.timed, "models": step_times.MODELS},
-                lambda side=side: step_times.measure(side, plan.timed),  # type: ignore[misc]
+        ]
+
+    def drift(self) -> list[Row]:
+        """How far pinned nodes move, by anchors and updates."""
+        insertions = _chosen(self._plan.scope.insertions)
+        return self._on_the_tuning_mesh("drift", partial(drift.measure, self._plan.sides[0], insertions))
+
+    def plane(self) -> list[Row]:
+        """The 2-D thin plate and the 3-D spline, in the needle's plane and off it."""
+        return self._on_the_tuning_mesh("thin_plate", partial(_plane, self._plan, self._models["tuned"]))
+
+    def readings(self) -> list[Row]:
+        """What the paper can mean."""
+        return self._on_the_tuning_mesh("readings", partial(_readings, self._plan))
+
+    def models(self) -> Row:
+        """The three models against finite elements, cube by cube."""
+        scope, tuned = self._plan.scope, self._models["tuned"]
+        settings = {"scope": asdict(scope), "tuned": asdict(tuned)}
+        factors = self._notebook.part("models_factors", settings, partial(held_factors, scope, tuned))
+
+        def compare(name: str, insertion: PlannedInsertion) -> Row:
+            friction = compare_friction(scope, specimens.cube(name, scope.shown), insertion, tuned)
+            return friction | {"held": compare_held(scope, name, insertion, tuned, factors)}
+
+        parts = [
+            (name, self._notebook.part(f"models_{name}_{one.name}", settings, partial(compare, name, one)))
+            for one in _chosen(scope.insertions)
+            for name in scope.cubes
+        ]
+        return _gathered(parts) | {"held": [row for _, part in parts for row in part["held"]], "factors": factors}
+
+    def anatomy(self) -> Row:
+        """The same in the tissue of the kidney scene, and in that of a label map where one is given."""
+        scope, tuned, labels = self._plan.scope, self._models["tuned"], self._plan.labels
+        found = [specimens.kidney(scope.shown**3)]
+        if labels is not None:
+            found.append(specimens.patient(specimens.name_of(labels), read_labels(labels), scope.shown**3))
+
+        def compare(specimen: Specimen, insertion: PlannedInsertion) -> Row:
+            scikit_fem = equal_to_scikit_fem(scope, specimen, insertion)
+            return compare_friction(scope, specimen, insertion, tuned) | {"scikit_fem": scikit_fem}
+
+        parts = [
+            (
+                specimen.name,
+                self._notebook.part(
+                    f"anatomy_{specimen.name.replace(' ', '_')}_{one.name}",
+                    {"scope": asdict(scope), "tuned": asdict(tuned), "voxels": digest(specimen.tissues.labels.voxels)},
+                    partial(compare, specimen, one),
+                ),
             )
-            for side in plan.sides
-        ],
-        "plane": _part(notebook, plan, "thin plate", models, lambda: _plane(plan, models["tuned"])),
-        "readings": _part(notebook, plan, "readings", models, lambda: _readings(plan)),
-        "models": _models(plan, notebook, models["tuned"]),
-    }
+            for specimen in found
+            for one in specimen.insertions[: scope.real]
+        ]
+        return _gathered(parts) | {"scikit_fem": [part["scikit_fem"] for _, part in parts]}
+
+    def times(self) -> list[Row]:
+        """Milliseconds of a step, by mesh; they are of this machine: another one takes its own."""
+        engines = self._plan.timed
+        made_with = {"engines": engines, "models": step_times.MODELS, "on": machine.processor()}
+        return [
+            self._notebook.part(
+                f"times_{side}", {"side": side, **made_with}, partial(step_times.measure, side, engines)
+            )
+            for side in self._plan.sides
+        ]
+
+    def dense(self) -> list[Row]:
+        """Milliseconds of a dense step, by landmarks."""
+        side, counts = self._plan.dense_side, self._plan.dense_counts
+        made_with = {"side": side, "counts": counts, "on": machine.processor()}
+        return self._notebook.part("dense_steps", made_with, partial(dense_steps.measure, side, counts))
+
+    def _on_the_tuning_mesh(self, name: str, compute: Callable[[], Any]) -> Any:
+        settings = self._settings("depths") | {"side": self._plan.sides[0], "models": _parameters(self._models)}
+        return self._notebook.part(name, settings, compute)
+
+    def _settings(self, *names: str) -> Row:
+        return {name: getattr(self._plan, name) for name in ("seed", *names)}
 
 
 def reference_of(plan: Plan, insertion: PlannedInsertion, side: int) -> Reference:
@@ -180,7 +229,6 @@ def _tune(plan: Plan) -> Row:
 
 
 def _at_target(plan: Plan, models: dict[str, NeedleTissueModel]) -> Row:
-    """Mean errors on the tuning mesh at full depth, of both models, on tuned and on held-out insertions."""
     groups = {"tuning": tuning_insertions(), "held_out": held_out_insertions()}
     references = {
         name: tuple(reference_of(plan, insertion, plan.sides[0]).last for insertion in group)
@@ -209,7 +257,6 @@ def _errors(plan: Plan, side: int, insertion: PlannedInsertion, models: dict[str
 
 
 def _plane(plan: Plan, model: NeedleTissueModel) -> list[Row]:
-    """The 2-D thin plate and the 3-D spline, in the needle's plane and off it."""
     rows = []
     for insertion in held_out_insertions():
         reference = reference_of(plan, insertion, plan.sides[0]).last
@@ -232,37 +279,17 @@ def _readings(plan: Plan) -> list[Row]:
     return compare_readings(references)
 
 
-def _models(plan: Plan, notebook: Notebook, tuned: NeedleTissueModel) -> Row:
-    """The three models against finite elements, cube by cube."""
-    scope = plan.scope
-    settings = {"scope": asdict(scope), "tuned": asdict(tuned)}
-    insertions = {insertion.name: insertion for insertion in held_out_insertions()}
-    factors = notebook.part("models_factors", settings, lambda: held_factors(scope, tuned))
-    rows: dict[str, list[Row]] = {"friction": [], "held": []}
+def _chosen(names: Sequence[str]) -> list[PlannedInsertion]:
+    held_out = {insertion.name: insertion for insertion in held_out_insertions()}
+    return [held_out[name] for name in names]
+
+
+def _gathered(parts: list[tuple[str, Row]]) -> Row:
+    """The rows of all parts, and of each specimen the maps of the first."""
     maps: Row = {}
-    for insertion in (insertions[one] for one in scope.insertions):
-        for name in scope.cubes:
-
-            def compute(name: str = name, insertion: PlannedInsertion = insertion) -> Row:
-                friction = compare_friction(scope, name, insertion, tuned)
-                return friction | {"held": compare_held(scope, name, insertion, tuned, factors)}
-
-            part = notebook.part(f"models_{name}_{insertion.name}", settings, compute)
-            rows["friction"] += part["rows"]
-            rows["held"] += part["held"]
-            maps.setdefault(name, part["maps"])
-    return {**rows, "maps": maps, "factors": factors}
-
-
-def _part(
-    notebook: Notebook, plan: Plan, name: str, models: dict[str, NeedleTissueModel], compute: Callable[[], Any]
-) -> Any:
-    settings = _settings(plan, "depths") | {"side": plan.sides[0], "models": _parameters(models)}
-    return notebook.part(name.replace(" ", "_"), settings, compute)
-
-
-def _settings(plan: Plan, *names: str) -> Row:
-    return {name: getattr(plan, name) for name in ("seed", *names)}
+    for name, part in parts:
+        maps.setdefault(name, part["maps"])
+    return {"friction": [row for _, part in parts for row in part["rows"]], "maps": maps}
 
 
 def _parameters(models: dict[str, NeedleTissueModel]) -> Row:

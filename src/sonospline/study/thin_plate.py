@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from ..geometry.needle_plane import NeedlePlane
-from ..models.spline.interaction import NeedleTissueModel, accumulated
+from ..mechanics.interaction import NeedleTissueModel, accumulated
 from .metrics import Errors, displacement_errors
 from .reference import Reference
 

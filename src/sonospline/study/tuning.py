@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._extras import require
+from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.faces import Progress
-from ..models.spline.interaction import NeedleTissueModel
 from .objective import TUNABLES, Objective, model_of
 from .parallel import rows_in_parallel
 

@@ -2,8 +2,19 @@
 
 from .bmode import BmodePlan as BmodePlan
 from .cholesky import CholeskyFactor as CholeskyFactor
+from .contact import clipped_forces as clipped_forces
+from .contact import forces_across as forces_across
+from .contact import stick_slip as stick_slip
+from .crc64 import crc64 as crc64
 from .elastic import ElasticMultigrid as ElasticMultigrid
-from .elastic import line_load as line_load
+from .elastic import galerkin_of_cells as galerkin_of_cells
+from .elastic import galerkin_of_stencil as galerkin_of_stencil
+from .elastic_history import followed as followed
+from .elastic_inverse import displacement_at as displacement_at
+from .elastic_inverse import undeformed_points as undeformed_points
+from .elastic_load import nodal_force_vectors as nodal_force_vectors
+from .elastic_load import nodal_forces as nodal_forces
+from .force_law import ForceLaw as ForceLaw
 from .multilevel import MultilevelPlan as MultilevelPlan
 from .sampling import gradient_lattice as gradient_lattice
 from .sampling import invert_lattice as invert_lattice

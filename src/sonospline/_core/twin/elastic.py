@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..hexahedra import Level, free_nodes, stiffness, weigh_along
-from .checks import numbered, require, require_spacing, same_length
+from ..hexahedra import Level, assembled, free_nodes, layer_stiffness, stiffness
+from ..stencils import Lattice, from_sparse, nested, to_sparse
+from .checks import numbered, require, require_spacing
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Mask = NDArray[np.uint8]
 
 _COARSEST_STEPS, _HIGHEST_DEGREE = 30, 100
 _POWER_ITERATIONS = 15
 _MARGIN, _RANGE = 1.1, 20.0
 
 
-def axis_transfer(fine: int, coarse: int) -> Array:
-    """Return the linear interpolation (fine + 1, coarse + 1) between two divisions of an axis into cells."""
+def axis_transfer(fine: int, coarse: int, nested: bool = False) -> Array:
+    """Return the linear interpolation (fine + 1, coarse + 1) between two divisions of an axis into cells.
+
+    Coarse nodes are evenly spaced or, where they are ``nested``, every second fine one and the last.
+    """
     at = np.arange(fine + 1) * (coarse / fine)
+    if nested and coarse < fine:
+        at = np.append(np.arange(fine) / 2, coarse)
     first = np.minimum((at + 1e-9).astype(int), coarse - 1)
     second = np.maximum(at - first, 0.0)
     out = np.zeros((fine + 1, coarse + 1))
@@ -30,11 +40,10 @@ def axis_transfer(fine: int, coarse: int) -> Array:
 class _Grid:
     """One level: its operator on the free nodes, and its smoothing."""
 
-    def __init__(self, level: Level, pinned: list[bool], full: bool, degree: int) -> None:
-        self.cells = level[1].shape
-        self.shape = tuple(n + 1 for n in self.cells)
-        self.all = stiffness(level, full)
-        self.free = np.tile(free_nodes(self.cells, pinned).ravel(), 3)
+    def __init__(self, matrix: Any, shape: tuple[int, ...], free: NDArray[np.bool_], degree: int) -> None:
+        self.shape = shape
+        self.all = matrix
+        self.free = np.tile(free.ravel(), 3)
         self.matrix = self.all[self.free][:, self.free]
         self.inverse_diagonal = 1 / self.matrix.diagonal()
         self.steps = _chebyshev(self._largest_eigenvalue(), degree)
@@ -90,13 +99,28 @@ class ElasticMultigrid:
     coarse_inverse : (m, m) ndarray
         Inverse of the last level's operator over its free unknowns (component, node), or
         (0, 0): then that level is smoothed 30 times.
+    fixed : (nx, ny, nz) ndarray of uint8, optional
+        Nodes of the finest level, besides those of pinned faces, that do not move.
+    stencils : sequence of (126, nx, ny, nz) ndarray
+        Explicit operators of grids coarser still, see :mod:`sonospline._core.stencils`.
+    layered : (n, 3) ndarray of int64, optional
+        Index of cells of the finest level that resist more than their moduli say.
+    excess : (n, 6, 6) ndarray, optional
+        By so much, to their mean strain. It belongs to the operator, and not to the cycle.
     """
 
     def __init__(
-        self, levels: list[Level], pinned: list[bool], full: bool, degree: int, coarse_inverse: Single
+        self,
+        levels: list[Level],
+        pinned: list[bool],
+        full: bool,
+        degree: int,
+        coarse_inverse: Single,
+        fixed: Mask | None = None,
+        stencils: Sequence[Single] = (),
+        layered: NDArray[np.int64] | None = None,
+        excess: Single | None = None,
     ) -> None:
-        from scipy.sparse import kron
-
         for spacing, lame, shear in levels:
             require(lame.shape == shear.shape, "lame and shear differ in shape")
             require(numbered(lame.shape, 1), "lame has no cell along an axis, or too many")
@@ -105,20 +129,36 @@ class ElasticMultigrid:
         require(coarse_inverse.shape == (n, n), "coarse_inverse is not square")
         require(len(levels) > 0, "levels is empty")
         require(1 <= degree <= _HIGHEST_DEGREE, "degree is not between 1 and 100")
+        operators = [(stiffness(level, full), free_nodes(level[1].shape, pinned)) for level in levels]
+        if fixed is not None:
+            require(fixed.shape == operators[0][1].shape, "fixed is not over the nodes of the cells")
+            operators[0][1][fixed != 0] = False
+        for stencil in stencils:
+            _require_coarser(operators[-1][1].shape, stencil.shape[1:])
+            operators.append((to_sparse(stencil), stencil[0] > 0))
         require(
-            n in (0, 3 * free_nodes(levels[-1][1].shape, pinned).sum()),
+            n in (0, 3 * operators[-1][1].sum()),
             "coarse_inverse is neither empty nor over the free unknowns of the last level",
         )
-        last = len(levels) - 1
+        last = len(operators) - 1
         self._grids = [
-            _Grid(level, pinned, full, _COARSEST_STEPS if i == last else degree) for i, level in enumerate(levels)
+            _Grid(matrix, free.shape, free, _COARSEST_STEPS if i == last else degree)
+            for i, (matrix, free) in enumerate(operators)
         ]
+        finest = self._grids[0]
+        self._all, self._matrix = finest.all, finest.matrix
+        require((layered is None) == (excess is None), "layered and excess belong together")
+        if layered is not None and excess is not None:
+            require(len(layered) == len(excess), "layered and excess differ in length")
+            cells = np.array(levels[0][1].shape)
+            require(bool(((layered >= 0) & (layered < cells)).all()), "layered has a cell beyond the grid")
+            self._all = finest.all + layer_stiffness(finest.shape, levels[0][0], layered, excess)
+            self._matrix = self._all[finest.free][:, finest.free]
         self._coarse_inverse = coarse_inverse.astype(float)
-        self._prolongations = []
-        for fine, coarse in zip(self._grids[:-1], self._grids[1:], strict=True):
-            axes = [axis_transfer(*pair) for pair in zip(fine.cells, coarse.cells, strict=True)]
-            scalar = kron(kron(axes[0], axes[1]), axes[2])
-            self._prolongations.append(kron(np.eye(3), scalar).tocsr()[fine.free][:, coarse.free])
+        self._prolongations = [
+            _prolongation(fine.shape, coarse.shape, nested=i + 1 >= len(levels))[fine.free][:, coarse.free]
+            for i, (fine, coarse) in enumerate(zip(self._grids[:-1], self._grids[1:], strict=True))
+        ]
 
     def iterate(self, load: Single, start: Single, iterations: int, estimate: bool) -> tuple[Single, list[float], bool]:
         """Improve a displacement (3, nx, ny, nz) for a nodal load of that shape.
@@ -132,7 +172,7 @@ class ElasticMultigrid:
         self._check(start)
         require(0 <= iterations <= 10_000, "iterations is not between 0 and 10000")
         b, u = load.reshape(-1)[grid.free].astype(float), start.reshape(-1)[grid.free].astype(float)
-        r = b - grid.matrix @ u
+        r = b - self._matrix @ u
         errors, sound, direction, old = [], True, np.zeros_like(u), 1.0
 
         def note(missing: Array) -> None:
@@ -143,7 +183,7 @@ class ElasticMultigrid:
             z = self._cycle(0, r)
             size = float(r @ z)
             direction = z + (size / old * direction if iteration else 0)
-            ahead = grid.matrix @ direction
+            ahead = self._matrix @ direction
             stiff = float(direction @ ahead)
             sound = sound and bool(np.isfinite(stiff)) and (stiff > 0 or size == 0)
             step = size / stiff if stiff > 0 else 0.0
@@ -159,9 +199,8 @@ class ElasticMultigrid:
 
     def product(self, values: Single) -> Single:
         """Return the operator times (3, nx, ny, nz), reactions at the pinned nodes included."""
-        grid = self._grids[0]
         self._check(values)
-        return (grid.all @ values.reshape(-1).astype(float)).astype(np.float32).reshape(values.shape)
+        return (self._all @ values.reshape(-1).astype(float)).astype(np.float32).reshape(values.shape)
 
     def _check(self, values: Single) -> None:
         require(values.shape == (3, *self._grids[0].shape), "values are not of the solver's shape")
@@ -176,36 +215,51 @@ class ElasticMultigrid:
         return grid.smooth(right, x)
 
 
-def line_load(
-    shape: tuple[int, int, int],
-    spacing: tuple[float, float, float],
-    origin: Array,
-    direction: Array,
-    places: Array,
-    changes: Array,
-    depth: float,
-    tip: float,
-    width: float,
+def galerkin_of_cells(
+    lame: Single, shear: Single, dilatation: Array, distortion: Array, fixed: Mask, coarse: Lattice
 ) -> Single:
-    """Return the nodal load (3, nx, ny, nz) of a smoothed line force: its integrals times the hat functions.
+    """Return the operator of cells over coarse nodes: P^T A P, with P zero where nodes do not move.
 
-    The force per length along the line through ``origin`` changes by ``changes`` at
-    ``places``, and a force ``tip`` acts at ``depth``; all of it is smoothed by a Gaussian of
-    ``width`` in three dimensions.
+    Parameters
+    ----------
+    lame, shear : (cx, cy, cz) ndarray
+        Moduli.
+    dilatation, distortion : (24, 24) ndarray
+        Of a cell of unit moduli, see :func:`~sonospline._core.hexahedra.cell_matrices`.
+    fixed : (nx, ny, nz) ndarray of uint8
+        Nodes that do not move; a coarse node that is one of them has no blocks.
+    coarse : tuple of int
+        Coarse nodes along each axis: as many, or every second and the last.
     """
-    from scipy.special import erf
+    require(lame.shape == shear.shape, "lame and shear differ in shape")
+    require(numbered(lame.shape, 1), "lame has no cell along an axis, or too many")
+    require(fixed.shape == tuple(n + 1 for n in lame.shape), "fixed is not over the nodes of the cells")
+    return _galerkin(assembled(lame, shear, dilatation, distortion), fixed == 0, coarse)
 
-    require(numbered(shape, 1), "shape has no node along an axis, or too many")
-    require_spacing(spacing)
-    same_length("places", places, "changes", changes)
-    require(np.isfinite(width) and width > 0, "width is not a length above 0")
-    axes = [np.arange(n) * h - o for n, h, o in zip(shape, spacing, origin, strict=True)]
-    place = np.stack(np.meshgrid(*axes, indexing="ij"))
-    along = np.tensordot(direction, place, axes=1)
-    squared = ((place - np.multiply.outer(direction, along)) ** 2).sum(axis=0)
-    shaft = 0.5 * erf((along[..., None] - places) / (width * np.sqrt(2))) @ changes
-    end = tip * np.exp(-0.5 * ((along - depth) / width) ** 2) / (width * np.sqrt(2 * np.pi))
-    force = (shaft + end) * np.exp(-0.5 * squared / width**2) / (2 * np.pi * width**2)
-    for axis, h in enumerate(spacing):
-        force = weigh_along(force, axis, h)
-    return np.multiply.outer(direction, force).astype(np.float32)
+
+def galerkin_of_stencil(stencil: Single, coarse: Lattice) -> Single:
+    """Return the operator of a stencil over coarse nodes, as :func:`galerkin_of_cells` does of cells."""
+    return _galerkin(to_sparse(stencil), stencil[0] > 0, coarse)
+
+
+def _galerkin(matrix: Any, free: NDArray[np.bool_], coarse: Lattice) -> Single:
+    from scipy.sparse import diags
+
+    _require_coarser(free.shape, coarse)
+    kept = free[np.ix_(*(nested(n, c) for n, c in zip(free.shape, coarse, strict=True)))]
+    transfer = diags(np.tile(free.ravel(), 3).astype(float)) @ _prolongation(free.shape, coarse, nested=True)
+    transfer = transfer @ diags(np.tile(kept.ravel(), 3).astype(float))
+    return from_sparse(transfer.T @ matrix @ transfer, coarse)
+
+
+def _prolongation(fine: tuple[int, ...], coarse: tuple[int, ...], *, nested: bool) -> Any:
+    """Linear interpolation between the nodes of two grids, of each component."""
+    from scipy.sparse import csr_matrix, kron
+
+    axes = [csr_matrix(axis_transfer(f - 1, c - 1, nested)) for f, c in zip(fine, coarse, strict=True)]
+    return kron(np.eye(3), kron(kron(axes[0], axes[1]), axes[2])).tocsr()
+
+
+def _require_coarser(nodes: tuple[int, ...], coarse: tuple[int, ...]) -> None:
+    alike = all(n >= 2 and c in (n, n // 2 + 1) for n, c in zip(nodes, coarse, strict=True))
+    require(alike, "coarse has neither as many nodes along an axis nor every second of them")

@@ -4,32 +4,76 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import _validate
+from ...contact.freezing import frozen
+from ...contact.frozen_contact import FrozenContact
+from ...contact.medium import REUSE, Medium
+from ...contact.track import Track
+from ...elasticity.checks import check_force, check_material
+from ...elasticity.relaxing import RelaxingSolver
+from ...elasticity.solver import SETTLED, ElasticSolver
+from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError, RelaxingState
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
 from ...geometry.needle import Needle
+from ...geometry.solver_grid import nodes_resolving
 from ...geometry.tissue import Tissue
 from ...mechanics.default_load import default_load
-from ...mechanics.loads import MILLI, Load
+from ...mechanics.first_touch import BUILD_UP_MM
+from ...mechanics.loads import MILLI, NEEDLE_RADIUS_MM, PROCESS_ZONE_MM, LineLoad, Load
 from ...mechanics.material import Material
+from ...mechanics.needle_loads import LOAD_AT, SMALL, Loading, NeedleLoads
+from ...mechanics.relaxation import PronySeries
+from ...mechanics.shaft import Shaft
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
-from .solver import SETTLED, ElasticSolver
-from .state import ABLE, BUDGET, TOLERANCE, ElasticState
+from .able import ABLE
+from .grid_error import GridError, grid_error
+from .in_time import NeedlesInTime, force_of
 
+Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+
+RESOLVED = 0.8
+"""Width of a load, in cells, from which its tip moves alike wherever it lies in a cell: to 3 %."""
+_MOST_NODES = 50_000
+"""Of a solver that nobody asked more of: some 3 ms an iteration."""
+_LAG = 0.025
+"""Error of a field, at most, from loads that are beside their needles when a step ends."""
+_MOST_LOOKS = 12
+"""Times that the tissue a resting needle loads is looked for: where two tissues meet there may be no end to it."""
+_STILL = 5e-5
+"""Error of a field and of the forces of tracks together from which on they stay."""
+RELAXATIONS = ("none", "tissue")
+"""Whether tissue is elastic, or relaxes as its materials say."""
+CONTACTS = ("pose", "track")
+"""Whether the forces of a needle are those of its pose, or follow from the track that it has left in the tissue."""
+_MOST_ROUNDS = 20
+"""Of a load that follows the tissue it moves, until both stay."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ElasticTissueState(State):
-    """The needles, and the displacement so far."""
+    """The needles, the displacement so far, and the tissue that its load acts on."""
 
     solution: ElasticState = field(kw_only=True)
+    shafts: tuple[tuple[str, Shaft], ...] = field(default=(), kw_only=True)
+    """Of each needle that loads tissue which has moved."""
+    beside: float = field(default=0.0, kw_only=True)
+    """Error of the displacement, relative, because loads act beside the tissue that their needles are in."""
+
+    tracks: tuple[tuple[str, Track], ...] = field(default=(), kw_only=True)
+    """Of each needle that remembers."""
+    tissue: RelaxingState | None = field(default=None, kw_only=True)
+    """What tissue remembers, with the same solution; where needles have tracks."""
+    looks: int = field(default=0, kw_only=True)
+    """Times that the tissue which the needles load was looked for since they came to rest; of tracks one at most."""
 
 
 class ElasticModel(TissueModel):
@@ -48,15 +92,34 @@ class ElasticModel(TissueModel):
     material : Material or TissueMap
         One stiffness everywhere, or labelled tissue.
     load : Load, optional
-        What a needle does; by default :func:`~sonospline.mechanics.default_load`.
-    nodes : int, default: 15625
-        Nodes of the solver's grid, about.
+        What a needle does, taken as it is; by default :func:`~sonospline.mechanics.default_load` of the next three.
+    needle_radius_mm : float, default: 0.635
+        Of the needle's shaft; by default that of an 18 gauge trocar.
+    process_zone_mm : float, default: 3.0
+        How far around it tissue tears and is spread: the default load is smoothed over both together.
+    build_up_mm : float, default: 20.0
+        Depth over which the cutting force builds up, from nothing at first touch.
+    load_at : {"deformed", "undeformed"}, default: "deformed"
+        A load acts on the tissue that the needle is in, which each step asks of the field before it; or on
+        what was there before any tissue moved, as a linear reference has it.
+    nodes : int, optional
+        Nodes of the solver's grid, about; by default as many as resolve the load, 15,625 to 50,000.
+        Over cells longer than 1.25 widths of the default load it is widened to 0.8 of them.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
-    tolerance : float, default: 0.05
+    tolerance : float, default: 0.0125
         Error estimate, relative to the field, at which a step ends.
     budget : int, default: 12
         Iterations of a step, at most.
+    contact : {"pose", "track"}, default: "pose"
+        Forces of the needle's pose alone; or those that follow from the track it has left, with friction that
+        remembers, membranes, and cutting only while it advances (see :mod:`sonospline.contact`).
+    grip : bool, default: True
+        Whether tissue holds the shaft of a needle sideways, too, where ``contact`` is its track.
+    reuse : float, default: 0.6
+        Friction in a track that the tip has left, over that of a fresh one; assumed.
+    relaxation : {"none", "tissue"}, default: "none"
+        Whether tissue relaxes in time, by the ``relaxation_exponent`` of its materials; with ``contact="track"``.
 
     Raises
     ------
@@ -73,7 +136,7 @@ class ElasticModel(TissueModel):
     >>> needles = {"biopsy": ss.Needle((0, 40, 50), (60, 40, 50)), "probe": ss.Needle((0, 70, 50), (30, 70, 50))}
     >>> response = model.step(model.rest, needles)
     >>> round(response.forces["biopsy"].axial_n, 1), round(response.forces["probe"].axial_n, 1)
-    (2.4, 1.5)
+    (2.5, 1.6)
     """
 
     name = "elastic"
@@ -85,36 +148,119 @@ class ElasticModel(TissueModel):
         material: Material | TissueMap,
         load: Load | None = None,
         *,
-        nodes: int = 25**3,
+        needle_radius_mm: float = NEEDLE_RADIUS_MM,
+        process_zone_mm: float = PROCESS_ZONE_MM,
+        build_up_mm: float = BUILD_UP_MM,
+        load_at: str = "deformed",
+        nodes: int | None = None,
         integration: str = "mean_dilatation",
         tolerance: float = TOLERANCE,
         budget: int = BUDGET,
+        contact: str = "pose",
+        grip: bool = True,
+        reuse: float = REUSE,
+        relaxation: str = "none",
     ) -> None:
         super().__init__(tissue)
+        _validate.choice("load_at", load_at, LOAD_AT)
+        self.tissues = material if isinstance(material, TissueMap) else None
+        check_material(material)
+        needle = {"needle_radius_mm": needle_radius_mm, "process_zone_mm": process_zone_mm, "build_up_mm": build_up_mm}
+        self.force = default_load(material, **needle) if load is None else check_force(load)
+        """What a needle does, as it was asked for; :attr:`load` is what the solver's cells can take of it."""
+        if nodes is None:
+            nodes = nodes_resolving(tissue.grid, self.force.finest_length / RESOLVED, most=_MOST_NODES)
         self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration)
-        self.load = default_load(tissue, material) if load is None else load
+        used = self._resolved() if load is None else self.force
+        self._loads = NeedleLoads(self.solver.nodes, self.solver.free, used, load_at)
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
         self.budget = _validate.count("budget", budget)
+        self._in_time: NeedlesInTime | None = None
+        relaxes = _validate.choice("relaxation", relaxation, RELAXATIONS) == "tissue"
+        if _validate.choice("contact", contact, CONTACTS) == "track":
+            medium = Medium(self.solver, self.load.finest_length, _validate.number("reuse", reuse))
+            relaxing = RelaxingSolver(self.solver, None if relaxes else PronySeries())
+            self._in_time = NeedlesInTime(medium, relaxing, self.tolerance, self.budget, _validate.flag("grip", grip))
+        elif relaxes:
+            raise ValueError("relaxation = 'tissue' is for needles that leave a track; give contact = 'track', too")
 
     @property
-    def rest(self) -> ElasticTissueState:
+    def load(self) -> Load:
+        """What a needle does: as it was asked for, or as wide as the solver's cells resolve."""
+        return self._loads.load
+
+    def _resolved(self) -> Load:
+        """A load narrower than 0.8 of a cell would move its tip by more or less as it lies in the cell."""
+        least = RESOLVED * max(self.solver.grid.spacing)
+        return self.force.widened(least) if isinstance(self.force, LineLoad) else self.force
+
+    @property
+    def rest(self) -> State:
         """The state without a needle."""
         return ElasticTissueState(self.identity, solution=self.solver.rest)
 
+    def _before(self, state: State) -> GridField | None:
+        assert isinstance(state, ElasticTissueState)
+        return self.solver.field(state.solution) if self.tissues is not None and self.tissues.has_fragments else None
+
     def _options(self) -> tuple[Any, ...]:
         solver = self.solver
-        return solver.material, solver.grid, solver.integration, self.load, self.tolerance, self.budget
+        how: tuple[Any, ...] = solver.integration, self.load, self._loads.at, self.tolerance, self.budget
+        if self._in_time is not None:
+            how = *how, "track", self._in_time.grip, self._in_time.medium.reuse, bool(self._in_time.tissue.times_s)
+        return solver.material, solver.grid, *how
 
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
         assert isinstance(state, ElasticTissueState)
-        loads = {name: self.solver.nodal_load(self.load, needle) for name, needle in needles.items()}
-        total = sum(loads.values(), start=np.zeros_like(self.solver.rest.load))
-        solution = self.solver.advance(state.solution, total, tolerance=self.tolerance, budget=self.budget)
-        forces = {name: self._force(loads[name], needle) for name, needle in needles.items()}
-        return self._response(ElasticTissueState(self.identity, tuple(needles.items()), solution=solution), forces)
+        if not needles:
+            return self._response(ElasticTissueState(self.identity, solution=self.solver.rest), {})
+        if not np.isfinite(state.solution.displacement.sum()):
+            raise NotConvergedError("the state's displacement is not finite; the last field is kept")
+        if self._in_time is not None:
+            return self._answer_in_time(self._in_time, state, needles, dt)
+        last = Loading(dict(state.needles), dict(state.shafts), {})
+        rests = bool(last.shafts) and needles == last.needles
+        ends = rests and state.looks == _MOST_LOOKS
+        loading = (
+            self._loads.acting(needles, last.shafts)
+            if ends
+            else self._loads.on(state.solution.displacement, needles, last)
+        )
+        looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
+        solution = self._advanced(state.solution, loading, self.budget)
+        beside = self._loads.error(loading, solution.displacement)
+        most = min(_LAG, 2 * self.tolerance)
+        while not ends and beside > most and solution.iterations < self.budget:
+            loading = self._loads.on(solution.displacement, needles, loading)
+            again = self.solver.measured(self._advanced(solution, loading, self.budget - solution.iterations))
+            solution = replace(again, iterations=solution.iterations + again.iterations)
+            beside = self._loads.error(loading, solution.displacement)
+        return self._loaded(loading, solution, beside, looks)
+
+    def _answer_in_time(
+        self, in_time: NeedlesInTime, state: ElasticTissueState, needles: dict[str, Needle], dt: float
+    ) -> Response:
+        held = needles == dict(state.needles)
+        if held and self._rests(state):
+            return self._tracked(state, ())
+        return self._stepped(in_time, state, needles, dt, looks=int(held))
+
+    def _stepped(
+        self, in_time: NeedlesInTime, state: ElasticTissueState, needles: dict[str, Needle], dt: float, looks: int
+    ) -> Response:
+        before = state.tissue or in_time.tissue.rest
+        found = in_time.step(before, dict(state.needles), dict(state.tracks), needles, dt)
+        after = ElasticTissueState(
+            self.identity, tuple(needles.items()), solution=found.tissue.solution, tracks=tuple(found.tracks.items()),
+            tissue=found.tissue, beside=found.error, looks=looks)  # fmt: skip
+        return self._tracked(after, found.events)
+
+    def _tracked(self, state: ElasticTissueState, events: tuple[object, ...]) -> Response:
+        forces = {name: force_of(track, dict(state.needles)[name]) for name, track in state.tracks}
+        return replace(self._response(state, forces), events=events)
 
     def settle(self, response: Response, *, tolerance: float = 5e-3) -> Response:
-        """Return a response of the same pose whose error estimate is at most ``tolerance``.
+        """Return a response of the same pose whose error estimate is at most ``tolerance``, its load on the needle.
 
         Raises
         ------
@@ -126,32 +272,129 @@ class ElasticModel(TissueModel):
         state = response.state
         self._check_state(state)
         assert isinstance(state, ElasticTissueState)
-        solution = self.solver.settle(state.solution, tolerance=tolerance)
-        return self._response(replace(state, solution=solution), response.forces)
+        if self._in_time is not None:
+            return self._at_rest(self._in_time, response, tolerance)
+        needles, solution = dict(state.needles), self.solver.settle(state.solution, tolerance=tolerance)
+        loading = self._loads.on(solution.displacement, needles, Loading(needles, dict(state.shafts), {}))
+        for _ in range(_MOST_ROUNDS):
+            solution = self.solver.settle(self._advanced(solution, loading, self.budget), tolerance=tolerance)
+            beside = self._loads.error(loading, solution.displacement)
+            if beside <= tolerance:
+                break
+            loading = self._loads.on(solution.displacement, needles, loading)
+        return self._loaded(loading, solution, beside)
+
+    def _at_rest(self, in_time: NeedlesInTime, response: Response, tolerance: float) -> Response:
+        """A response some steps on at the same poses."""
+        for _ in range(_MOST_ROUNDS):
+            if (response.error_estimate or 0.0) <= tolerance:
+                return response
+            assert isinstance(response.state, ElasticTissueState)
+            response = self._stepped(in_time, response.state, dict(response.state.needles), 0.0, looks=1)
+        raise NotConvergedError(
+            f"the error estimate is {response.error_estimate:.1e} after {_MOST_ROUNDS} steps, above tolerance = "
+            f"{tolerance:g}; allow a larger one"
+        )
+
+    def _advanced(self, solution: ElasticState, loading: Loading, budget: int) -> ElasticState:
+        return self.solver.advance(solution, loading.total, tolerance=self.tolerance, budget=budget)
+
+    def _loaded(self, loading: Loading, solution: ElasticState, beside: float, looks: int = 0) -> Response:
+        needles, shafts = tuple(loading.needles.items()), tuple(loading.shafts.items())
+        state = ElasticTissueState(self.identity, needles, solution=solution, shafts=shafts, beside=beside, looks=looks)
+        forces = {
+            name: NeedleForce.along(
+                loading.needles[name].direction, force / MILLI, whole_n=loading.nodal[name].whole / MILLI
+            )
+            for name, force in self._loads.forces(loading).items()
+        }
+        return self._response(state, forces)
+
+    def snapshot(self, response: Response, needle: str) -> FrozenContact:
+        """Return what holds a needle in a response, for a force loop that goes on without the tissue.
+
+        Raises
+        ------
+        ValueError
+            A response of another model, a needle that is not in it, or needles that leave no track.
+        """
+        state = response.state
+        self._check_state(state)
+        assert isinstance(state, ElasticTissueState)
+        if self._in_time is None:
+            raise ValueError("contact = 'pose' leaves nothing that holds a needle; make the model with contact='track'")
+        name, tracks = _validate.choice("needle", needle, dict(state.tracks)), dict(state.tracks)
+        return frozen(self._in_time.medium, tracks[name], dict(state.needles)[name], state.solution.displacement)
+
+    def grid_error(self, response: Response) -> GridError | None:
+        """Return the error that the solver's cells leave in a response: measured, as some steps on a coarser grid cost.
+
+        None where cells of twice the sides cannot tell bone from what moves.
+
+        Raises
+        ------
+        NotConvergedError
+            The coarser grid's field was not found.
+        """
+        state = response.state
+        self._check_state(state)
+        assert isinstance(state, ElasticTissueState) and isinstance(response.field, GridField)
+        if not state.needles:
+            return GridError(0.0, 0.0)
+        if self._coarser is None:
+            return None
+        return grid_error(response.field, self._coarser, *self._load_on(self._coarser, state))
+
+    def _load_on(self, solver: ElasticSolver, state: ElasticTissueState) -> tuple[Single, Array]:
+        """The load of a state on the nodes of a solver, and the undeformed places (n, 3) of the needles' tips."""
+        needles, shafts, tracks = dict(state.needles), dict(state.shafts), dict(state.tracks)
+        if self._in_time is not None:
+            on = replace(self._in_time, medium=replace(self._in_time.medium, solver=solver))
+            return on.forces(tracks, needles), np.stack([track.end @ track.places for track in tracks.values()])
+        load = NeedleLoads(solver.nodes, solver.free, self._loads.load, self._loads.at).acting(needles, shafts)
+        tips = [shafts[name].places[-1] if name in shafts else needle.tip for name, needle in needles.items()]
+        return load.total, np.stack(tips)
+
+    @cached_property
+    def _coarser(self) -> ElasticSolver | None:
+        return self.solver.coarser(max(125, self.solver.grid.node_count // 8))
 
     def facts(self, response: Response) -> dict[str, Any]:
-        """The solver's grid, the range of stiffness, the error, and where the strain is largest."""
+        """The solver's grid, the range of stiffness, the errors, and where the strain is largest."""
         assert isinstance(response.field, GridField)
         strain, moduli = largest_strain(response.field), self.solver.moduli
+        of_cells, at_tip = self.grid_error(response) or (None, None)
         young = moduli.shear * (3 * moduli.lame + 2 * moduli.shear) / (moduli.lame + moduli.shear)
         return {
             "solver_shape": self.solver.grid.shape,
             "young_kpa": [float(young.min()), float(young.max())],
             "error_estimate": response.error_estimate,
+            "grid_error": of_cells,
+            "grid_error_at_tip": at_tip,
+            "load_width_mm": self.load.finest_length,
+            "load_width_asked_mm": self.force.finest_length,
             "largest_strain": strain.largest,
             "largest_strain_ras_mm": strain.place.tolist(),
             "small_strain": strain.small,
+            "theory_error": strain.theory_error._asdict(),
         }
 
     def _response(self, state: ElasticTissueState, forces: Mapping[str, NeedleForce]) -> Response:
+        solution, error = state.solution, state.solution.error + state.beside
         return Response(
             state=state,
-            field=self.solver.field(state.solution),
+            field=replace(self.solver.field(solution), error_estimate=error),
             forces=forces,
-            error_estimate=state.solution.error,
-            settled=state.solution.measured and state.solution.error <= SETTLED,
+            error_estimate=error,
+            settled=self._rests(state),
         )
 
-    def _force(self, load: Single, needle: Needle) -> NeedleForce:
-        total = self.solver.grid.direction @ load.sum(axis=(1, 2, 3), dtype=np.float64)
-        return NeedleForce.along(needle.direction, total / MILLI)
+    def _rests(self, state: ElasticTissueState) -> bool:
+        """Whether further steps at the same poses change nothing to speak of."""
+        solution = state.solution
+        if self._in_time is not None and state.needles:
+            # In the first step that a needle is held friction may still be that of its speed.
+            relaxes = bool(self._in_time.tissue.times_s)
+            return state.looks > 0 and solution.error + state.beside <= _STILL and not relaxes
+        small = state.beside <= SMALL or state.looks == _MOST_LOOKS
+        return solution.measured and solution.error <= SETTLED and small

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ...fields.kelvinlet_field import KelvinletField
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
 from ..insertion import NeedleInsertion
 from .drag import DragModel
-from .field import KelvinletField
 from .model import KelvinletModel
 
 

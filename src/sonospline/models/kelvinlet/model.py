@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from ... import _definite, _memory, _validate
 from ...fields.grid_field import GridField
+from ...fields.kelvinlet_field import KelvinletField
 from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
+from ...mechanics.first_touch import built_up
+from ...mechanics.landmarks import select_anchors
 from ..contract import Response, State, TissueModel, UnknownForces
-from ..spline.landmarks import select_anchors
 from .drag import DragModel
-from .field import KelvinletField
 
 Array = NDArray[np.float64]
 
@@ -100,11 +101,17 @@ class KelvinletModel(TissueModel):
         return {"landmarks": landmarks, "anchors": len(self.anchors), "model_mm": asdict(self.drag)}
 
     def landmarks(self, needle: Needle) -> Array:
-        """Return the landmarks (m, 3) on a needle's shaft."""
-        count = needle.depth / self.drag.spacing
+        """Return the landmarks (m, 3) on a needle's shaft: the more of the two sets between which it passes."""
+        return self._landmarks(needle)[1]
+
+    def _landmarks(self, needle: Needle) -> tuple[Array, Array, float]:
+        """Two sets of landmarks, one more in the second, and how much that one counts: none joins with a jump."""
+        count = max(needle.depth / self.drag.spacing, 1.0)
         dense = f"the model's spacing = {self.drag.spacing:g}: the system of its {count:.3g} landmarks"
         _memory.refuse_beyond(int(min(250 * count**2, 1e30)), dense, remedy="use a wider one")
-        return needle.at(np.linspace(0, 1, int(np.ceil(count)) + 1))
+        few = int(count)
+        fewer, more = (needle.at(np.linspace(0, 1, pieces + 1)) for pieces in (few, few + 1))
+        return fewer, more, built_up(count - few, 1.0)
 
     def solve(self, needle: Needle) -> KelvinletField:
         """Return the exact sum of Kelvinlets for a pose.
@@ -114,19 +121,28 @@ class KelvinletModel(TissueModel):
         ValueError
             A needle outside the tissue.
         """
+        self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
+        fewer, more, share = self._landmarks(needle)
+        held, dragged = self._forces(needle, more)
+        held_before, dragged_before = self._forces(needle, fewer)
+        forces = share * held + (1 - share) * held_before, share * dragged, (1 - share) * dragged_before
+        centres = np.concatenate([self.anchors, more, fewer])
+        return KelvinletField(self.drag.kernel, centres, np.concatenate(forces), self.tissue.grid)
+
+    def _forces(self, needle: Needle, shaft: Array) -> tuple[Array, Array]:
+        """Forces at the anchors and at landmarks on the shaft, which hold those and drag these along."""
         from scipy.linalg import cho_solve
 
-        self.tissue.check_inside(entry=needle.entry, tip=needle.tip)
-        kernel, shaft = self.drag.kernel, self.landmarks(needle)
+        kernel = self.drag.kernel
         follows = np.minimum(self.tissue.distance_to_pinned(shaft) / kernel.width, 1.0)
-        wanted = np.outer(follows, self.drag.drag * needle.direction).ravel()
+        drag = self.drag.drag * built_up(needle.depth, self.drag.build_up)
+        wanted = np.outer(follows, drag * needle.direction).ravel()
         # Anchors do not move: they leave the system by a Schur complement, their factor is kept.
         across = kernel.matrix(self.anchors, shaft)
         answer = cho_solve((self._factor, True), across)
-        most = _MOST_ENERGY * (1 + needle.depth / kernel.width) * self.drag.drag**2 / kernel.compliance
+        most = _MOST_ENERGY * (1 + needle.depth / kernel.width) * drag**2 / kernel.compliance
         on_shaft = _definite.solve(kernel.matrix(shaft, shaft) - across.T @ answer, wanted, most=most)
-        forces = np.concatenate([-answer @ on_shaft, on_shaft]).reshape(-1, 3)
-        return KelvinletField(kernel, np.concatenate([self.anchors, shaft]), forces, self.tissue.grid)
+        return (-answer @ on_shaft).reshape(-1, 3), on_shaft.reshape(-1, 3)
 
 
 def _lattice(grid: Grid, width: float) -> Grid:

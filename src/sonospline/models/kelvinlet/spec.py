@@ -13,12 +13,16 @@ if TYPE_CHECKING:
     from .model import KelvinletModel
 
 
-def _make(tissue: Tissue, materials: Material, *, drag_mm: float | None, anchors: int) -> KelvinletModel:
+def _make(
+    tissue: Tissue, materials: Material, *, drag_mm: float | None, anchors: int, build_up_mm: float | None
+) -> KelvinletModel:
     from .drag import DragModel
     from .model import KelvinletModel
 
-    side, ratio = tissue.grid.side, materials.poissons_ratio
-    return KelvinletModel(tissue, DragModel.kelvinlet(side, drag=drag_mm, poissons_ratio=ratio), anchors=anchors)
+    drag = DragModel.kelvinlet(
+        tissue.grid.side, drag=drag_mm, poissons_ratio=materials.poissons_ratio, build_up=build_up_mm
+    )
+    return KelvinletModel(tissue, drag, anchors=anchors)
 
 
 SPEC = ModelSpec(
@@ -30,6 +34,8 @@ SPEC = ModelSpec(
         Option(name="drag_mm", unit="mm", low=0, high=1e4, live=(0, 50),
                help="displacement at the shaft; by default 0.028 of the side"),
         Option(name="anchors", kind="whole", default=7, low=2, high=1000, help="anchors along a face side"),
+        Option(name="build_up_mm", unit="mm", low=0, high=1e6, live=(0, 50),
+               help="depth over which the tip comes to act; by default twice the drag"),
     ),
     properties=("poissons_ratio",),
 )  # fmt: skip

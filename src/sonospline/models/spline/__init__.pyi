@@ -1,11 +1,4 @@
 from .insertion import Insertion as Insertion
-from .interaction import History as History
-from .interaction import NeedleTissueModel as NeedleTissueModel
-from .kernels import Biharmonic as Biharmonic
-from .kernels import Triharmonic as Triharmonic
-from .landmarks import LandmarkPlan as LandmarkPlan
-from .landmarks import plan_landmarks as plan_landmarks
-from .landmarks import select_anchors as select_anchors
 from .model import SplineModel as SplineModel
 from .model import SplineState as SplineState
 from .spline import PolyharmonicSpline as PolyharmonicSpline

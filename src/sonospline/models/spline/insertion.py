@@ -6,10 +6,10 @@ from typing import Literal
 
 from ...fields.kernel import Kernel
 from ...geometry.tissue import Tissue
+from ...mechanics.interaction import NeedleTissueModel
+from ...mechanics.landmarks import LandmarkPlan
 from ..insertion import NeedleInsertion
 from .faces import Progress
-from .interaction import NeedleTissueModel
-from .landmarks import LandmarkPlan
 from .model import Accumulation, SplineModel
 
 
@@ -22,7 +22,7 @@ class Insertion(NeedleInsertion):
         Where the needle goes.
     model : NeedleTissueModel, optional
         Its effect on the tissue; by default Table I scaled to the grid's side.
-    kernel, anchors, max_landmarks, smoothing, accumulation, progress
+    kernel, anchors, max_landmarks, smoothing, accumulation, build_up, progress
         As for :class:`SplineModel`.
 
     Examples
@@ -49,6 +49,7 @@ class Insertion(NeedleInsertion):
         max_landmarks: int = 300,
         smoothing: float = 0.0,
         accumulation: Accumulation = "maximum",
+        build_up: float = 0.0,
         progress: Progress | None = None,
     ) -> None:
         super().__init__(
@@ -60,6 +61,7 @@ class Insertion(NeedleInsertion):
                 max_landmarks=max_landmarks,
                 smoothing=smoothing,
                 accumulation=accumulation,
+                build_up=build_up,
                 progress=progress,
             )
         )

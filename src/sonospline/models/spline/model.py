@@ -14,13 +14,14 @@ from ...fields.composed_field import ComposedField
 from ...fields.field import Field
 from ...fields.kernel import Kernel
 from ...fields.kernel_field import KernelField
+from ...fields.polyharmonic import Biharmonic
 from ...geometry.needle import Needle
 from ...geometry.tissue import Tissue
+from ...mechanics.first_touch import built_up
+from ...mechanics.interaction import NeedleTissueModel, interaction
+from ...mechanics.landmarks import LandmarkPlan, plan_landmarks, select_anchors
 from ..contract import Response, State, TissueModel, UnknownForces
 from .faces import Progress
-from .interaction import NeedleTissueModel, interaction
-from .kernels import Biharmonic
-from .landmarks import LandmarkPlan, plan_landmarks, select_anchors
 from .spline import PolyharmonicSpline
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ class SplineModel(TissueModel):
         The spline's kernel.
     anchors : int or "all", default: 5
         Anchors along each side of a pinned face: 5 x 5 a face are 89 on a cube. They hold
-        the faces to a few per cent of the peak between them. ``"all"`` pins every node of
+        the faces to a tenth of the peak at worst between them. ``"all"`` pins every node of
         the faces; the first time on a grid this takes seconds, then it is read from disk.
     max_landmarks : int, default: 300
         Most landmarks over the whole way the needle could go.
@@ -76,6 +77,10 @@ class SplineModel(TissueModel):
         field depends on the needle's pose alone, so pulling back and re-inserting work.
         ``"incremental"``: Algorithm 1 as printed, every step displaces the mesh the last
         one left; use :meth:`NeedleTissueModel.paper_incremental` with it.
+    build_up : float, default: 0.0
+        Depth over which displacements build up from nothing (see :func:`~sonospline.mechanics.built_up`), in the
+        unit of the grid. At or above zero, where they are whole at once, as the paper prints them; the registry's
+        ``paper`` takes twice the largest of them, so that tissue never moves faster than the needle.
     progress : callable, optional
         Called as ``progress(done, of)`` during the set-up of ``anchors="all"``.
 
@@ -101,6 +106,7 @@ class SplineModel(TissueModel):
         max_landmarks: int = 300,
         smoothing: float = 0.0,
         accumulation: Accumulation = "maximum",
+        build_up: float = 0.0,
         progress: Progress | None = None,
     ) -> None:
         super().__init__(tissue)
@@ -108,6 +114,7 @@ class SplineModel(TissueModel):
         self.kernel = Biharmonic() if kernel is None else kernel
         self.smoothing = _validate.number("smoothing", smoothing)
         self.accumulation = _validate.choice("accumulation", accumulation, ("maximum", "incremental"))
+        self.build_up = _validate.number("build_up", build_up)
         self.max_landmarks = _validate.count("max_landmarks", max_landmarks)
         self._pins_all_nodes = anchors == "all"
         self._spline = self._anchored_spline(anchors, progress)
@@ -139,6 +146,7 @@ class SplineModel(TissueModel):
             "landmarks": self.landmark_count(response),
             "anchors": len(self.anchors),
             "accumulation": self.accumulation,
+            "build_up_mm": self.build_up,
             "kernel": type(self.kernel).__name__.lower(),
             "model_mm": asdict(self.needle_effect),
         }
@@ -151,7 +159,8 @@ class SplineModel(TissueModel):
 
     def _options(self) -> tuple[Any, ...]:
         anchors = "all" if self._pins_all_nodes else len(self.anchors)
-        return self.needle_effect, self.kernel, anchors, self.max_landmarks, self.smoothing, self.accumulation
+        printed = self.needle_effect, self.kernel, anchors, self.max_landmarks, self.smoothing, self.accumulation
+        return (*printed, self.build_up)
 
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
         assert isinstance(state, SplineState)
@@ -207,7 +216,7 @@ class SplineModel(TissueModel):
         while count > (known := len(self._spline.points) - anchors):
             self._spline.append(plan.points[known : known + batch])
         values = np.zeros((anchors + count, 3))
-        values[anchors:] = plan.history.at(needle.depth, count)
+        values[anchors:] = built_up(needle.depth, self.build_up) * plan.history.at(needle.depth, count)
         field = self._spline.solve(values, grid=self.tissue.grid)
         return replace(field, nodes=np.concatenate([self._anchor_nodes, plan.nodes[:count]]))
 
@@ -223,7 +232,8 @@ class SplineModel(TissueModel):
             )
         before = ComposedField((), grid, grid.points) if mesh is None else mesh
         nodes = np.ravel_multi_index(tuple(self._plan_of(began).nodes.T), grid.shape)
-        displacements = interaction(before.nodes[nodes], needle, self.needle_effect)
+        whole = interaction(before.nodes[nodes], needle, self.needle_effect)
+        displacements = built_up(needle.depth, self.build_up) * whole
         moved = displacements.any(axis=1)
         points = np.vstack([self.anchors, before.nodes[nodes][moved]])
         values = np.vstack([np.zeros_like(self.anchors), displacements[moved]])

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
+from ...fields.polyharmonic import KERNELS
+from ...mechanics.interaction import AMPLITUDES, NeedleTissueModel
 from ..option import Option
 from ..registry import ModelSpec
-from .interaction import AMPLITUDES, NeedleTissueModel
-from .kernels import KERNELS
 
 if TYPE_CHECKING:
     from ...geometry.tissue import Tissue
@@ -38,6 +38,7 @@ def _make(
     anchors: int | Literal["all"],
     max_landmarks: int,
     accumulation: Accumulation,
+    build_up_mm: float | None,
     progress: Progress | None,
     **lengths: float | None,
 ) -> SplineModel:
@@ -45,16 +46,23 @@ def _make(
 
     preset = NeedleTissueModel.paper_incremental if accumulation == "incremental" else NeedleTissueModel.paper
     given = {name: value for name, value in lengths.items() if value is not None}
+    effect = replace(preset(tissue.grid.side), **given)
     return SplineModel(
         tissue,
-        replace(preset(tissue.grid.side), **given),
+        effect,
         kernel=KERNELS[kernel](),
         anchors=anchors,
         max_landmarks=max_landmarks,
         smoothing=smoothing,
         accumulation=accumulation,
+        build_up=_gentle(effect, accumulation) if build_up_mm is None else build_up_mm,
         progress=progress,
     )
+
+
+def _gentle(effect: NeedleTissueModel, accumulation: Accumulation) -> float:
+    """A depth to build up over, so long that tissue never moves faster than the needle; none in Algorithm 1."""
+    return 0.0 if accumulation == "incremental" else 2 * max(effect.shaft_displacement, effect.tip_displacement)
 
 
 SPEC = ModelSpec(
@@ -74,6 +82,8 @@ SPEC = ModelSpec(
             Option(name=name, unit="mm", low=0 if name in AMPLITUDES else 1e-6, high=1e6, help=f"{what} (Table I)")
             for name, what in _LENGTHS.items()
         ),
+        Option(name="build_up_mm", unit="mm", low=0, high=1e6, live=(0, 50),
+               help="depth over which displacements build up; 0 as printed, by default twice the largest"),
     ),
     reports_progress=True,
 )  # fmt: skip

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from ... import _core, _validate
 from ...fields.kernel import Kernel
 from ...fields.kernel_field import KernelField
+from ...fields.polyharmonic import Biharmonic
 from ...geometry.grid import Grid
 from ...geometry.tissue import Tissue
 from .anchored import AnchoredSystem, Base, CornerBase
 from .faces import FaceBase, Progress
-from .kernels import Biharmonic
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -31,6 +31,8 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);  // a daemon thread may hold what it computes with until the process is gone
     bind_bmode(m);
     bind_cholesky(m);
+    bind_contact(m);
+    bind_force(m);
     bind_sampling(m);
     bind_sums(m);
     m.def("instruction_sets", &instruction_sets);
@@ -39,6 +41,7 @@ NB_MODULE(_native, m) {
         if (!sono::choose_kernels(name.c_str()))
             throw nb::value_error(("this machine has no instruction set '" + name + "'").c_str());
     });
+    bind_igtl(m);
     bind_multilevel(m);
     bind_reslice(m);
     bind_scatterers(m);

@@ -95,7 +95,10 @@ nanobind::ndarray<nanobind::numpy, T> new_array(const std::array<std::size_t, N>
 
 void bind_bmode(nanobind::module_ &m);
 void bind_cholesky(nanobind::module_ &m);
+void bind_contact(nanobind::module_ &m);
 void bind_elastic(nanobind::module_ &m);
+void bind_force(nanobind::module_ &m);
+void bind_igtl(nanobind::module_ &m);
 void bind_multilevel(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
 void bind_reslice(nanobind::module_ &m);

@@ -114,13 +114,15 @@ extern const CholeskyKernels cholesky_kernels;
 extern const EchoKernels echo_kernels;
 extern const MultilevelKernels multilevel;
 extern const ElasticKernels elastic;
+extern const ElasticLayerKernels elastic_layers;
 extern const ResliceKernels reslice_kernels;
 extern const RowKernels rows;
+extern const StencilKernels stencil;
 extern const KernelTable table;
-const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &brick_kernels,   &cholesky_kernels,
-                           &echo_kernels,       &multilevel,    &elastic,         &reslice_kernels,
-                           &rows,               sum<float>,     sum<double>,      gradient,
-                           kelvinlet,           values};
+const KernelTable table = {SONO_TEXT(SONO_ISA), &bmode_kernels, &brick_kernels,  &cholesky_kernels,
+                           &echo_kernels,       &multilevel,    &elastic,        &elastic_layers,
+                           &reslice_kernels,    &rows,          &stencil,        sum<float>,
+                           sum<double>,         gradient,       kelvinlet,       values};
 
 }  // namespace SONO_ISA
 }  // namespace sono

@@ -31,8 +31,10 @@ struct CholeskyKernels;
 struct EchoKernels;
 struct MultilevelKernels;
 struct ElasticKernels;
+struct ElasticLayerKernels;
 struct ResliceKernels;
 struct RowKernels;
+struct StencilKernels;
 
 struct KernelTable {
     const char *name;
@@ -42,8 +44,10 @@ struct KernelTable {
     const EchoKernels *echo;
     const MultilevelKernels *multilevel;
     const ElasticKernels *elastic;
+    const ElasticLayerKernels *elastic_layers;
     const ResliceKernels *reslice;
     const RowKernels *rows;
+    const StencilKernels *stencil;
     /// out += sum_j w_j U(|p - c_j|)
     void (*sum_f32)(Kernel, const Tile<float> &points, const Centres<float> &, Tile<float> &out);
     void (*sum_f64)(Kernel, const Tile<double> &points, const Centres<double> &, Tile<double> &out);

@@ -79,52 +79,10 @@ void combine(int count, const float *weight, const float *const *rows, float *ou
     }
 }
 
-typedef std::int32_t VecI __attribute__((vector_size(kBytes)));
-
-// e^-x for x >= 0, to 2e-7: a power of two times a polynomial on half an octave either side.
-inline VecF exp_negative(VecF x) {
-    const VecF octaves = (x < 80.f ? x : splat(80.f)) * -1.44269504f;
-    const VecI whole = __builtin_convertvector(octaves - 0.5f, VecI);  // towards zero: the nearest one
-    const VecF f = (octaves - __builtin_convertvector(whole, VecF)) * 0.693147181f;
-    const VecF p = 1 + f * (1 + f * (0.5f + f * (1 / 6.f + f * (1 / 24.f + f * (1 / 120.f + f * (1 / 720.f))))));
-    return p * (VecF)((whole + 127) << 23);
-}
-
-// Abramowitz and Stegun 7.1.26, to 1.5e-7.
-inline VecF error_function(VecF x) {
-    const VecF size = x < 0.f ? -x : x, t = 1 / (1 + 0.3275911f * size);
-    const VecF p = t * (0.254829592f + t * (-0.284496736f + t * (1.421413741f + t * (-1.453152027f + t * 1.061405429f))));
-    const VecF value = 1 - p * exp_negative(size * size);
-    return x < 0.f ? -value : value;
-}
-
-// The squared distance from the axis is |p|^2 - along^2: taken from the difference, which loses nothing near it.
-void line_row(const LineLoad &line, const float start[3], float step, std::size_t n, float *out) {
-    const float along_start = start[0] * line.direction[0] + start[1] * line.direction[1] + start[2] * line.direction[2];
-    VecF index;
-    for (int lane = 0; lane < kWidth; ++lane) index[lane] = static_cast<float>(lane);
-    for (std::size_t k = 0; k < n; k += kWidth) {
-        const VecF z = step * (index + static_cast<float>(k)), along = along_start + line.direction[2] * z;
-        VecF squared{};
-        for (int a = 0; a < 3; ++a) {
-            const VecF across = start[a] + (a == 2 ? z : VecF{}) - along * line.direction[a];
-            squared += across * across;
-        }
-        const VecF place = along * line.per_length, behind = place - line.depth;
-        VecF force = line.tip * exp_negative(behind * behind);
-        for (std::size_t i = 0; i < line.steps; ++i) force += line.halves[i] * error_function(place - line.places[i]);
-        const VecF value = force * exp_negative(squared * (line.per_length * line.per_length));
-        if (k + kWidth <= n)
-            store(out + k, value);
-        else
-            for (std::size_t lane = 0; k + lane < n; ++lane) out[k + lane] = value[static_cast<int>(lane)];
-    }
-}
-
 }  // namespace
 
 extern const RowKernels rows;
-const RowKernels rows = {add, extend, add_masked, lengths, combine, line_row};
+const RowKernels rows = {add, extend, add_masked, lengths, combine};
 
 }  // namespace SONO_ISA
 }  // namespace sono

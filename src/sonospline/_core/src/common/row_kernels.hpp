@@ -1,19 +1,9 @@
-// Loops over rows of floats, as the elastic solver and resampling need them; compiled once per instruction set.
+// Loops over rows of floats, as the elastic solver, its load and resampling need them; compiled once per instruction set.
 #pragma once
 
 #include <cstddef>
 
 namespace sono {
-
-/// A force per volume along a line, by place along it in smoothing lengths sqrt(2) a: a sum of error functions, which
-/// are smoothed steps, and a Gaussian at the tip; a Gaussian across it.
-struct LineLoad {
-    float direction[3];
-    const float *places, *halves;  // of the steps; half of each
-    std::size_t steps;
-    float depth, tip;
-    float per_length;  // smoothing lengths
-};
 
 struct RowKernels {
     /// x += factor y, over n floats
@@ -26,8 +16,6 @@ struct RowKernels {
     double (*lengths)(const float *x, const float *y, const float *z, std::size_t n);
     /// out[i] = sum over j of weight[j] rows[j][i], i < n, j < count; added to what is there where `more`
     void (*combine)(int count, const float *weight, const float *const *rows, float *out, std::size_t n, bool more);
-    /// The load at n points from `start` on, relative to the line's origin, `step` apart along z.
-    void (*line_row)(const LineLoad &, const float start[3], float step, std::size_t n, float *out);
 };
 
 }  // namespace sono

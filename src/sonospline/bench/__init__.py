@@ -1,0 +1,1 @@
+"""The library against its peers and the live simulator against the clock: one timing, one list of promises."""

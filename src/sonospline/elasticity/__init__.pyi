@@ -1,0 +1,14 @@
+from .background import Background as Background
+from .background import BackgroundMotion as BackgroundMotion
+from .background import undeformed as undeformed
+from .diaphragm import carried_by_diaphragm as carried_by_diaphragm
+from .face_compliance import FaceCompliance as FaceCompliance
+from .lifting import driven as driven
+from .probe_contact import Dent as Dent
+from .probe_contact import ProbeContact as ProbeContact
+from .probe_dents import ProbeDents as ProbeDents
+from .relaxing import RelaxingSolver as RelaxingSolver
+from .solver import ElasticSolver as ElasticSolver
+from .state import ElasticState as ElasticState
+from .state import NotConvergedError as NotConvergedError
+from .state import RelaxingState as RelaxingState

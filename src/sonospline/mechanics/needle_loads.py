@@ -1,0 +1,96 @@
+"""What needles load tissue with: where they are in it, once it has moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
+from .loads import LineLoad, Load
+from .nodal_load import NodalLoad, nodal_load
+from .shaft import Shaft
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+LOAD_AT = ("deformed", "undeformed")
+"""Whether a load acts on the tissue that a needle is in, or on what was there before any moved."""
+_APART = 0.5
+"""Widths of a load between the points at which tissue is looked for; between them its place is interpolated."""
+_ERROR_A_WIDTH = 0.12
+"""Of the field, relative, where the load is a width beside the needle: 0.05 to 0.2."""
+SMALL = 1e-3
+"""Error of a field from its loads that is none to speak of."""
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Needles, the tissue that each of them loads, and its forces on the solver's nodes."""
+
+    needles: Mapping[str, Needle]
+    shafts: Mapping[str, Shaft]
+    """Of those that load tissue which has moved."""
+    nodal: Mapping[str, NodalLoad]
+
+    @property
+    def total(self) -> Single:
+        """Forces of all of them together."""
+        first, *others = (load.forces for load in self.nodal.values())
+        return sum(others, start=first)
+
+
+@dataclass(frozen=True)
+class NeedleLoads:
+    """The load that needles bring, and where it acts."""
+
+    nodes: Tissue
+    """With the nodes of a solver."""
+    free: Single
+    """(nx, ny, nz): 1 at nodes that may move, 0 where a face or bone holds them."""
+    load: Load
+    at: str
+    """One of :data:`LOAD_AT`."""
+
+    def on(self, displacement: Single, needles: Mapping[str, Needle], last: Loading | None = None) -> Loading:
+        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved."""
+        shafts = {}
+        if self.at == "deformed" and isinstance(self.load, LineLoad):
+            shafts = {name: self._shaft(displacement, name, needle, last) for name, needle in needles.items()}
+        return self.acting(needles, shafts)
+
+    def _shaft(self, displacement: Single, name: str, needle: Needle, last: Loading | None) -> Shaft:
+        """The shaft of a needle: the last one while it fits, and else one that is found anew."""
+        assert isinstance(self.load, LineLoad)
+        shaft = None if last is None else last.shafts.get(name)
+        was = needle if last is None else last.needles.get(name, needle)
+        if shaft is not None and was == needle and self._error(displacement, needle, shaft) <= SMALL:
+            return shaft
+        return Shaft.deformed(needle, displacement, self.nodes.grid, _APART * self.load.width)
+
+    def acting(self, needles: Mapping[str, Needle], shafts: Mapping[str, Shaft]) -> Loading:
+        """Return the loads of needles in the tissue that their shafts tell of; without one, where nothing has moved."""
+        nodal = {name: self._nodal(needle, shafts.get(name)) for name, needle in needles.items()}
+        return Loading(needles, shafts, nodal)
+
+    def error(self, loading: Loading, displacement: Single) -> float:
+        """Return the error of a field, relative, from loads that act beside the tissue their needles are in."""
+        shafts = loading.shafts.items()
+        return max((self._error(displacement, loading.needles[name], shaft) for name, shaft in shafts), default=0.0)
+
+    def forces(self, loading: Loading) -> dict[str, Array]:
+        """Return the force (3,) of each needle on the tissue, along the world's axes."""
+        turn = self.nodes.grid.direction
+        return {name: turn @ load.forces.sum(axis=(1, 2, 3), dtype=np.float64) for name, load in loading.nodal.items()}
+
+    def _nodal(self, needle: Needle, shaft: Shaft | None) -> NodalLoad:
+        """What nodes that are held would take moves no tissue."""
+        load = nodal_load(self.load, needle, self.nodes, shaft)
+        return load._replace(forces=load.forces * self.free)
+
+    def _error(self, displacement: Single, needle: Needle, shaft: Shaft) -> float:
+        assert isinstance(self.load, LineLoad)
+        return _ERROR_A_WIDTH * shaft.moved_on(needle, displacement, self.nodes.grid) / self.load.width

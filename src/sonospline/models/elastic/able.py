@@ -1,0 +1,3 @@
+"""What the elastic model can do, in the words of the contract."""
+
+ABLE = frozenset({"forces", "time", "labels", "several needles"})

@@ -1,0 +1,192 @@
+"""Needles in elastic tissue, in time: their tracks go on from step to step, and the field answers to their forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...contact.laying import begun
+from ...contact.medium import Medium
+from ...contact.motion import Answer, Motion
+from ...contact.push import Push
+from ...contact.track import Track
+from ...elasticity.relaxing import RelaxingSolver
+from ...elasticity.state import NotConvergedError, RelaxingState
+from ...geometry.needle import Needle
+from ...mechanics.loads import MILLI
+from ..contract import NeedleForce
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+ANEW_MM = 10.0
+"""A needle so far beside its track at the skin has been taken out and put in anew."""
+_WIDTHS = 3.0
+"""Of the load, that needles go at most before the tissue answers anew."""
+_LEAST_MM = 0.05
+"""Displacement that an error is relative to, at least: between pushing and pulling there is none."""
+_LOST = 30.0
+"""Error from which on forces and field run away from each other; a shaft that lets go at once changes twice of all."""
+_BEGIN = 1e-6
+"""Depth of a needle that is about to enter."""
+
+
+class Pushed(NamedTuple):
+    """Where a step has brought needles and tissue."""
+
+    tissue: RelaxingState
+    tracks: dict[str, Track]
+    events: tuple[object, ...]
+    error: float
+    """Of the field, relative, because its forces are not quite those of its own displacement."""
+
+
+@dataclass(frozen=True)
+class NeedlesInTime:
+    """Steps of needles that remember, in tissue that may.
+
+    Parameters
+    ----------
+    medium : Medium
+        The tissue as needles meet it.
+    tissue : RelaxingSolver
+        The tissue in time, of the medium's solver.
+    tolerance : float
+        Error of the field at which a step ends.
+    budget : int
+        Iterations of a step, at most.
+    grip : bool
+        Whether tissue holds shafts sideways.
+    """
+
+    medium: Medium
+    tissue: RelaxingSolver
+    tolerance: float
+    budget: int
+    grip: bool = True
+
+    def step(
+        self,
+        state: RelaxingState,
+        last: Mapping[str, Needle],
+        tracks: Mapping[str, Track],
+        needles: Mapping[str, Needle],
+        dt: float,
+    ) -> Pushed:
+        """Bring needles to their poses, some time after a state."""
+        ways = {name: self._from(last.get(name), tracks.get(name), needle) for name, needle in needles.items()}
+        found = {name: track for name, (_, track) in ways.items()}
+        motions = {name: Motion.of(begin, needles[name], dt) for name, (begin, _) in ways.items()}
+        events: tuple[object, ...] = ()
+        error = 0.0
+        parts = self._parts(motions)
+        for part in parts:
+            state, found, more, error = self._step(state, found, part, dt / len(parts))
+            events += more
+        return Pushed(state, found, events, error)
+
+    def _step(self, state: RelaxingState, tracks: dict[str, Track], motions: Mapping[str, Motion], dt: float) -> Pushed:
+        """Move needles, let the tissue answer, and correct what the compliance along the tracks has predicted."""
+        relaxes = dt > 0 and len(self.tissue.times_s) > 0
+        ahead = self.tissue.predicted(state, dt) if relaxes else state
+        share = self.tissue.jump(dt) if relaxes else 1.0
+        tracks, predicted, events = self._moved(
+            tracks, motions, state.solution.displacement, ahead.solution.displacement, share
+        )
+        needles = {name: motion.needle for name, motion in motions.items()}
+        resting = {name: motion.resting for name, motion in motions.items()}
+        state = self._advanced(state, tracks, needles, dt, self.budget)
+        taken = state.solution.iterations
+        while True:
+            now = state.solution.displacement
+            error = max((self._missed(tracks[name], predicted[name], now) for name in needles), default=0.0)
+            if error > self.tolerance:
+                again, predicted, more = self._moved(tracks, resting, now, now, 1.0)
+                error = max(_changed(tracks[name], again[name], needle) for name, needle in needles.items())
+            if error <= self.tolerance or taken >= self.budget:
+                return Pushed(state, tracks, events, _believed(error))
+            state = self._advanced(state, again, needles, 0.0, self.budget - taken)
+            tracks, events, taken = again, events + more, taken + state.solution.iterations
+
+    def _missed(self, track: Track, predicted: Array, now: Single) -> float:
+        """How far points are from where friction was to bring them: forces found anew change no more than that."""
+        moved = self.medium.moved(now, track.places)
+        least = _LEAST_MM * np.sqrt(len(track))
+        return float(np.linalg.norm(moved - predicted) / max(float(np.linalg.norm(moved)), least))
+
+    def _parts(self, motions: Mapping[str, Motion]) -> list[dict[str, Motion]]:
+        """A long way in parts: what the compliance predicts of a field is not the field."""
+        longest = max((motion.travel for motion in motions.values()), default=0.0)
+        count = max(1, int(np.ceil(longest / (_WIDTHS * self.medium.width))))
+        parts = {name: motion.parts(count) for name, motion in motions.items()}
+        return [{name: of_needle[part] for name, of_needle in parts.items()} for part in range(count)]
+
+    def forces(self, tracks: Mapping[str, Track], needles: Mapping[str, Needle]) -> Single:
+        """Return the forces (3, nx, ny, nz) of all needles on the solver's nodes."""
+        each = [self.medium.nodal(track.places, track.forces(needles[name])) for name, track in tracks.items()]
+        return sum(each[1:], start=each[0])
+
+    def _from(self, last: Needle | None, track: Track | None, needle: Needle) -> tuple[Needle, Track]:
+        """Where a needle comes from, and its track: a new one where it has none, or is put in elsewhere."""
+        if last is None or track is None or np.linalg.norm(needle.entry - last.entry) > ANEW_MM:
+            return Needle(needle.entry, needle.entry + _BEGIN * needle.direction), begun(self.medium, needle)
+        return last, track
+
+    def _moved(
+        self,
+        tracks: Mapping[str, Track],
+        motions: Mapping[str, Motion],
+        before: Single,
+        unchanged: Single,
+        share: float,
+    ) -> tuple[dict[str, Track], dict[str, Array], tuple[object, ...]]:
+        """Tracks after motions, from the displacement before, and that at the end if the forces stayed; where to."""
+        found: dict[str, Track] = {}
+        predicted: dict[str, Array] = {}
+        events: list[object] = []
+        for name, track in tracks.items():
+            motion = motions[name]
+            moved = self.medium.moved(before, track.places)
+            later = moved if unchanged is before else self.medium.moved(unchanged, track.places)
+            answer = Answer(later, track.forces(motion.last), share)
+            push = Push(self.medium, name, motion, before, self.grip)
+            found[name], predicted[name], met = push.of(track, moved, answer)
+            events += met
+        return found, predicted, tuple(events)
+
+    def _advanced(
+        self, state: RelaxingState, tracks: Mapping[str, Track], needles: Mapping[str, Needle], dt: float, budget: int
+    ) -> RelaxingState:
+        return self.tissue.advance(state, self.forces(tracks, needles), dt, tolerance=self.tolerance, budget=budget)
+
+
+def force_of(track: Track, needle: Needle) -> NeedleForce:
+    """Return what a needle feels."""
+    forces = track.forces(needle) / MILLI
+    levers = np.minimum(track.anchors, needle.depth)
+    moment = -np.cross(needle.direction, levers @ forces)
+    return NeedleForce.along(needle.direction, forces.sum(axis=0), moment_nmm=moment)
+
+
+def _changed(before: Track, after: Track, needle: Needle) -> float:
+    """How much of the displacement at a needle's points other forces would change; of one that is next to none, too."""
+    new = after.forces(needle)
+    old = np.zeros_like(new)
+    old[: len(before)] = before.forces(needle)
+    moved, changed = after.compliance @ new.ravel(), after.compliance @ (new - old).ravel()
+    least = _LEAST_MM * np.sqrt(len(after))
+    return float(np.linalg.norm(changed) / max(float(np.linalg.norm(moved)), least))
+
+
+def _believed(error: float) -> float:
+    """The error of a step, where it is one to go on from."""
+    if not error < _LOST:
+        raise NotConvergedError(
+            f"the forces along the needle and the displacement by them are {error:.1g} apart; the last field is kept. "
+            "Give shorter steps, a larger budget, or more nodes"
+        )
+    return error
