@@ -74,6 +74,8 @@ look_for() {
                 has_chromium || lacks "$(chromium_package)" "for the tests in a browser" "without the tests in a browser" ;;
             fenicsx)
                 has_fenicsx || lacks "$fenicsx" "the paper's finite element engine" "without DOLFINx" ;;
+            openigtlink)
+                has_openigtlink || lacks "$openigtlink" "the C++ library of OpenIGTLink, for its tests" "without OpenIGTLink's C++ library" ;;
         esac
     done
 }
@@ -108,6 +110,9 @@ fenicsx="python3-dolfinx-real libopenblas0-pthread"
 has_fenicsx() {
     /usr/bin/python3 -c 'import importlib.util, sys; sys.exit(importlib.util.find_spec("dolfinx") is None)' 2>/dev/null
 }
+
+openigtlink="libopenigtlink-dev openigtlink-examples"
+has_openigtlink() { [ -d /usr/include/openigtlink ] && [ -d /usr/share/doc/openigtlink-examples/examples ]; }
 
 # provide PART...: install what they lack, or say what is done without.
 provide() {

@@ -7,9 +7,10 @@ from types import ModuleType
 import numpy as np
 
 from sonospline import Grid
-from sonospline._core import twin
+from sonospline._core import cubic_axis, twin
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
+from sonospline.link import Coupling
 from sonospline.ultrasound import Phantom, Probe
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics, Scan, picture_plane
@@ -40,7 +41,20 @@ MULTIGRID = {
     "full": False,
     "degree": 2,
     "coarse_inverse": np.eye(54, dtype=np.float32) / 10,
+    "layered": np.array([[0, 0, 0], [3, 1, 2]]),
+    "excess": np.tile(np.eye(6, dtype=np.float32), (2, 1, 1)),
 }
+HALF_FIXED = np.arange(125).reshape(5, 5, 5).astype(np.uint8) // 100
+GALERKIN = {
+    "lame": np.full((4, 4, 4), 5, np.float32), "shear": np.ones((4, 4, 4), np.float32), "dilatation": np.eye(24),
+    "distortion": np.eye(24), "fixed": HALF_FIXED, "coarse": (3, 3, 3),
+}  # fmt: skip
+
+CONTACT = {
+    "compliance": np.eye(4) + 0.3, "places": np.arange(-3.0, 1), "displacement": np.zeros(4), "forces": np.zeros(4),
+    "anchors": np.arange(3.0, -1, -1), "low": np.full(4, -0.1), "high": np.full(4, 0.1), "tip": 3,
+    "axis": np.array([0, 0.6, 0.8]), "origin": np.zeros(3), "lateral_stiffness": 0.2, "lateral_force": np.zeros(3),
+}  # fmt: skip
 
 
 def ultrasound():
@@ -113,9 +127,48 @@ SOUND = {
         "voxels": singles(6, 7, 8), "seen": np.ones((6, 7, 8), np.uint8), "index": np.eye(3, 4), "shape": (11, 21),
         "tolerance": 0.01, "most": 20,
     },
-    "line_load": {
-        "shape": SHAPE, "spacing": SPACING, "origin": np.array([0.0, 2, 2]), "direction": np.array([1.0, 0, 0]),
-        "places": np.array([0.0, 3]), "changes": np.array([1.0, -1]), "depth": 3.0, "tip": 0.5, "width": 0.7,
+    "nodal_forces": {
+        "shape": SHAPE, "spacing": SPACING, "points": 2 * np.abs(rows(6)), "amounts": np.arange(1.0, 7),
+        "direction": np.array([1.0, 0, 0]), "width": 0.7, "mirrored": [True, False, False, False, False, False],
+    },
+    "nodal_force_vectors": {
+        "shape": SHAPE, "spacing": SPACING, "points": 2 * np.abs(rows(6)), "forces": rows(6), "width": 0.7,
+        "mirrored": [True, False, False, False, False, False],
+    },
+    "displacement_at": {
+        "displacement": 0.1 * singles(3, 5, 6, 4), "spacing": SPACING, "x": cubic_axis.filter_matrix(5),
+        "y": cubic_axis.filter_matrix(6), "z": cubic_axis.filter_matrix(4), "points": 2 * np.abs(rows(6)),
+    },
+    "followed": {
+        "fields": singles(4, *NODES), "start": singles(*NODES), "change": singles(*NODES),
+        "forgotten": np.array([0.1, 0.2, 0.3, 1.0]), "taken_up": np.array([0.05, 0.1, 0.2, 0.7]), "nil": 1e-12,
+    },
+    "clipped_forces": {
+        "compliance": np.eye(5) + 0.3, "apart": np.arange(5.0) - 2, "low": np.full(5, -1.0), "high": np.full(5, 0.5),
+        "start": np.zeros(5), "sweeps": 50, "tolerance": 1e-9,
+    },
+    "stick_slip": {
+        "compliance": np.eye(5) + 0.3, "behind": np.arange(5.0) - 2, "end": np.array([0, 0, 0, 0.4, 0.6]),
+        "bond": np.full(6, 0.1), "anchors": np.arange(5.0) - 1.5, "axial": np.array([0.1, -0.2, 0, 0.3, 0.3]),
+        "tip": 0.2, "sliding": np.array([1, 0, 0, 0, 1], np.uint8), "bounds": np.full(5, 0.3), "limit": 0.5,
+        "slow": 0.1, "sweeps": 50, "tolerance": 1e-9,
+    },
+    "forces_across": {
+        "compliance": np.eye(12) + 0.3, "axes": np.eye(3)[:2], "held": np.array([0, 1, 1, 1], np.uint8),
+        "wanted": rows(3), "soft": 0.3, "least": 1e-9,
+    },
+    "ForceLaw": {"hands": 2, "options": Coupling().for_core(), "sweeps": 8},
+    "ForceLaw.renew": CONTACT,
+    "ForceLaw.tick": {"positions": rows(2), "device_age": np.zeros(2), "contact_age": 0.0},
+    "ForceLoop": {"options": Coupling().for_core(), "sweeps": 8},
+    "ForceLoop.publish": CONTACT,
+    "ForceLoop.place": {"position": np.arange(3.0)},
+    "crc64": {"data": RNG.integers(0, 256, 200).astype(np.uint8), "start": 1 << 63},
+    "undeformed_points": {
+        "displacement": 0.1 * singles(3, 5, 6, 4), "spacing": SPACING, "x": cubic_axis.filter_matrix(5),
+        "y": cubic_axis.filter_matrix(6), "z": cubic_axis.filter_matrix(4),
+        "points": 2 * np.abs(rows(6)), "start": 2 * np.abs(rows(6)),
+        "iterations": 20,
     },
     "MultilevelPlan": PLAN,
     "MultilevelPlan.evaluate": {
@@ -129,6 +182,8 @@ SOUND = {
         "load": singles(*NODES), "start": np.zeros(NODES, np.float32), "iterations": 2, "estimate": True,
     },
     "ElasticMultigrid.product": {"values": singles(*NODES)},
+    "galerkin_of_cells": GALERKIN,
+    "galerkin_of_stencil": {"stencil": singles(126, 5, 5, 5), "coarse": (3, 5, 3)},
     **ultrasound(),
 }  # fmt: skip
 """Of each function, class or method, arguments that fit."""

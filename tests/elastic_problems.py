@@ -28,6 +28,19 @@ def on_grid(grid, *, element, integration="full", solver="direct", poissons_rati
     )
 
 
+def system_of(solver):
+    """The solver's operator, to be assembled by scikit-fem and factored."""
+    return System(
+        points=solver.grid.points,
+        cells=cells(solver.grid, "hexahedron"),
+        pinned=solver.free.ravel() == 0,
+        material=solver.moduli,
+        integration=solver.integration,
+        solver="direct",
+        tolerance=1e-12,
+    )
+
+
 def patch_error(engine_type, grid, **options):
     """Largest error, relative to the largest displacement, where the exact one is linear."""
     system = on_grid(grid, **options)

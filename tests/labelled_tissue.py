@@ -4,9 +4,10 @@ import numpy as np
 
 import sonospline as ss
 from elastic_problems import largest_difference
+from sonospline.elasticity import ElasticSolver
 from sonospline.fem import FiniteElementModel
+from sonospline.fem.consistent_load import consistent_load
 from sonospline.mechanics import LineForce, Material, TissueMap, labelled_cube
-from sonospline.models.elastic import ElasticSolver
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 
@@ -14,18 +15,8 @@ NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 def bone_of(contrast):
     """A bar of bone so many times as stiff as the tissue around it."""
     tissues = labelled_cube("bone", voxels=48)
-    bone = Material(stiffness_kpa=contrast, rigid=True)
+    bone = Material(stiffness_kpa=contrast)
     return TissueMap(tissues.labels, {**tissues.materials, 1: bone})
-
-
-def consistent_load(load, needle, grid):
-    """Nodal forces of a force per volume that is linear between the nodes, as the reference takes it."""
-    forces = np.moveaxis((load.body_force(grid.points, needle) @ grid.direction).reshape(*grid.shape, 3), -1, 0)
-    for axis, (count, spacing) in enumerate(zip(grid.shape, grid.spacing, strict=True), 1):
-        mass = np.diag(np.full(count, 4.0)) + np.eye(count, k=1) + np.eye(count, k=-1)
-        mass[0, 0] = mass[-1, -1] = 2
-        forces = np.moveaxis(np.tensordot(mass * spacing / 6, forces, (1, axis)), 0, axis)
-    return forces
 
 
 def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **options):
@@ -36,3 +27,15 @@ def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **opti
     model = FiniteElementModel(tissue, solver.moduli, integration=integration, **options)
     found = solver.equilibrium(consistent_load(LineForce(), NEEDLE, solver.grid), tolerance=2e-5).displacement
     return largest_difference(np.moveaxis(found, 0, -1), model.solve(LineForce(), NEEDLE))
+
+
+def torso(**keywords):
+    """A label map with names, 90 x 90 x 60 mm: bone behind, a liver with a vessel, a kidney, all on one side."""
+    x, y, z = np.indices((31, 31, 21))
+    labels = np.zeros(x.shape, np.uint8)
+    labels[(x > 17) & (y > 12)] = 2
+    labels[(x - 24) ** 2 + (z - 10) ** 2 < 9] = 3
+    labels[(x - 14) ** 2 + (y - 20) ** 2 + (z - 10) ** 2 < 20] = 4
+    labels[(x > 12) & (x < 20) & (y > 2) & (y < 8)] = 1
+    names = {1: "vertebrae_L1", 2: "liver", 3: "aorta", 4: "kidney_left"}
+    return ss.LabelMap(voxels=labels, spacing=(3.0, 3.0, 3.0), names=names, **keywords)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from sonospline._extras import require
+from sonospline.bench.live import first_scene, serving, socket_of
 from sonospline.server import wire
-from sonospline.study.live import first_scene, serving, socket_of
 
 WARM_UP_SHARE = 0.2
 """Of the time: caches fill and every model is made once."""

@@ -7,8 +7,8 @@ import pytest
 
 from builds import needs_core
 from sonospline import _core, cli
-from sonospline.study import claims, contenders, machine, timing
-from sonospline.study.problem import Problem
+from sonospline.bench import contenders, machine, promises, timing
+from sonospline.bench.problem import Problem
 
 
 @pytest.mark.parametrize("contender", [*contenders.OURS, *contenders.PEERS], ids=lambda c: c.name)
@@ -63,11 +63,11 @@ def results_with(**figures):
 
 @pytest.mark.parametrize(("ratio", "kept"), [(159.0, False), (160.0, True)])
 def test_a_claim_is_judged_by_its_figure(ratio, kept):
-    verdicts = {row["claim"]: row for row in claims.of_the_race(results_with(scipy=ratio))}
+    verdicts = {row["claim"]: row for row in promises.of_the_race(results_with(scipy=ratio))}
     assert verdicts["step at 53^3, n = 300: times faster than SciPy"]["kept"] is kept
     assert verdicts["step at 53^3, n = 300, in ms"]["kept"] is True
     assert verdicts["step at 53^3, n = 300: times faster than KeOps float32 with LAPACK fit"]["kept"] is None
-    shown = claims.table_of_promises(list(verdicts.values()))
+    shown = promises.table_of_promises(list(verdicts.values()))
     assert ("MISSED" in shown) is not kept
     assert "not measured" in shown
 
@@ -81,7 +81,7 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
         if contender.module in ("torch", "pykeops", "itk"):
             monkeypatch.setattr(contender, "module", "surely_not_installed", raising=False)
     pinned = []
-    monkeypatch.setattr("sonospline.study.machine.pin", lambda threads: pinned.append(threads) or [0])
+    monkeypatch.setattr("sonospline.bench.machine.pin", lambda threads: pinned.append(threads) or [0])
     arguments = ["bench", "--quick", "--rounds", "1", "--quiet", "--json", "--out", str(tmp_path / "out")]
     assert cli.main(arguments) == 0
     results = json.loads(capsys.readouterr().out)
@@ -100,13 +100,13 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
 
 def test_the_race_needs_the_compiled_core(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(_core, "active", _core.twin)
-    monkeypatch.setattr("sonospline.study.machine.pin", lambda threads: [0])
+    monkeypatch.setattr("sonospline.bench.machine.pin", lambda threads: [0])
     assert cli.main(["bench", "--out", str(tmp_path / "out")]) == 1
     assert "compiled core is not in use" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_time_the_host_withheld_is_its_part_of_all_ticks(monkeypatch):
-    monkeypatch.setattr("sonospline.study.machine.processor_ticks", lambda: (130, 1400))
+    monkeypatch.setattr("sonospline.bench.machine.processor_ticks", lambda: (130, 1400))
     assert machine.withheld_since((100, 1000)) == pytest.approx(30 / 400)
     assert machine.withheld_since(None) is None

@@ -74,6 +74,7 @@ def test_the_written_transform_gives_the_written_image(volume_file, tmp_path):
     assert (sitk.GetArrayFromImage(ours) != sitk.GetArrayFromImage(image)).mean() > 0.2
 
 
+@pytest.mark.slow
 def test_the_three_frames_name_the_same_needle(volume_file, tmp_path):
     volume = read_volume(volume_file)
     entry, target = np.array([[5.0, 20, 22], [30.0, 22, 22]])
@@ -261,7 +262,7 @@ def test_any_needle_either_works_or_is_refused_in_one_line(volume_file, entry, t
             assert said.getvalue().count("\n") == 1
 
 
-@pytest.mark.parametrize("model", ["kelvinlet", "elastic"])
+@pytest.mark.parametrize("model", [pytest.param("kelvinlet", marks=pytest.mark.slow), "elastic"])
 def test_every_model_runs_on_the_phantom(model, tmp_path, capsys):
     assert insert("--model", model, "--out", tmp_path / "out", "--json", *SMALL) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -289,16 +290,22 @@ PATH = ["--entry", "0,18,18", "--target", "24,20,20"]
 def test_a_label_image_becomes_a_running_simulation(label_files, tmp_path, capsys):
     arguments = ("--labels", label_files, "--model", "elastic", *PATH, "--out", tmp_path / "out", *SMALL)
     assert insert(*arguments, "--allow-folds") == 0
-    assert "finite elements on" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "finite elements on" in said
+    assert "linear theory is off by some" in said
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["young_kpa"] == pytest.approx([3, 10000])
+    assert summary["young_kpa"] == pytest.approx([3, 6])  # of what deforms: the stone is bone
     assert summary["max_displacement_mm"] > 1
     assert not summary["small_strain"]  # a needle of 0.7 N in fat
+    assert 0.01 < summary["theory_error"]["mean"][0] < summary["theory_error"]["peak"][1]
 
 
+@pytest.mark.slow
 def test_a_field_that_folds_is_no_result_unless_it_is_asked_for(label_files, tmp_path, capsys):
-    """The needle's tip ends in bone, beyond anything a linear theory says."""
-    arguments = ("--labels", label_files, "--model", "elastic", *PATH, "--out", tmp_path / "out", "--json", *SMALL)
+    """The needle pushes into a jelly, beyond anything a linear theory says."""
+    (tmp_path / "jelly.toml").write_text("[liver]\nstiffness_kpa = 0.3\n")
+    tissue = ("--labels", label_files, "--materials", tmp_path / "jelly.toml")
+    arguments = (*tissue, "--model", "elastic", *PATH, "--out", tmp_path / "out", "--json", *SMALL)
     assert insert(*arguments) == 1
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -347,15 +354,26 @@ def test_a_nameless_label_is_refused_and_named(label_files, tmp_path, capsys):
     assert "labels [3] have no name" in capsys.readouterr().err
 
 
-def test_labels_of_another_geometry_than_the_image_are_resampled_or_refused(label_files, tmp_path, capsys):
-    for name, origin in (("partly", (10.0, -5.0, 3.0)), ("elsewhere", (500.0, 0.0, 0.0))):
-        image = Volume(voxels=np.zeros((30, 32, 28), np.int16), spacing=(1.5, 1.2, 1.7), origin=np.array(origin))
-        write_volume(image, tmp_path / f"{name}.nii.gz")
+def beside_the_labels(tmp_path, x):
+    """An image on another lattice than the labels, that begins at x."""
+    path = tmp_path / "image.nii.gz"
+    write_volume(
+        Volume(voxels=np.zeros((30, 32, 28), np.int16), spacing=(1.5, 1.2, 1.7), origin=np.array([x, -5, 3])), path
+    )
+    return path
+
+
+@pytest.mark.slow
+def test_labels_of_another_geometry_than_the_image_are_resampled(label_files, tmp_path):
+    image, path = beside_the_labels(tmp_path, 10.0), ("--entry", "10,18,18", "--target", "24,20,20")
     arguments = ("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", *SMALL)
-    path = ("--entry", "10,18,18", "--target", "24,20,20")
-    assert insert("--volume", tmp_path / "partly.nii.gz", *path, *arguments, "--allow-folds") == 0
-    elsewhere = ("--entry", "500,18,18", "--target", "524,20,20")
-    assert insert("--volume", tmp_path / "elsewhere.nii.gz", *elsewhere, *arguments) == 2
+    assert insert("--volume", image, *path, *arguments, "--allow-folds") == 0
+
+
+def test_labels_beside_the_image_are_refused(label_files, tmp_path, capsys):
+    image, path = beside_the_labels(tmp_path, 500.0), ("--entry", "500,18,18", "--target", "524,20,20")
+    arguments = ("--labels", label_files, "--model", "elastic", "--out", tmp_path / "out", *SMALL)
+    assert insert("--volume", image, *path, *arguments) == 2
     assert "labels do not overlap the tissue's box" in capsys.readouterr().err
 
 
@@ -365,15 +383,3 @@ def test_a_real_abdomen_in_one_command(shared_data, tmp_path, capsys):
     assert insert("--labels", labels, "--model", "elastic", "--out", tmp_path / "out", "--json", *SMALL) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["error_estimate"] <= 5e-3 and printed["max_displacement_mm"] > 0.5
-
-
-@pytest.mark.slow
-def test_a_needle_into_a_rib_of_a_real_abdomen_folds_and_is_refused(shared_data, tmp_path, capsys):
-    where = ["--entry", "137,310,158", "--target", "137,170,158", "--nodes", "150000", "--steps", "4", "--quiet"]
-    arguments = ["--labels", shared_data / "abdomen_labels.nii.gz", "--model", "elastic", *where]
-    assert insert(*arguments, "--out", tmp_path / "out") == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "the tissue folds over: det J = -" in error
-    assert not (tmp_path / "out").exists()
-    assert insert(*arguments, "--out", tmp_path / "out", "--json", "--allow-folds") == 0
-    assert json.loads(capsys.readouterr().out)["folded_nodes"] > 100

@@ -162,6 +162,7 @@ def test_copies_hold_on_either_backend():
     assert np.array_equal(advance(copy.deepcopy(insertion)), advance(insertion))
 
 
+@pytest.mark.slow
 def test_another_process_goes_on_to_the_same_bits():
     names = [
         "Insertion under way",

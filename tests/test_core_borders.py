@@ -86,14 +86,67 @@ FAULTS = [
     *each("ElasticMultigrid", "spacing", "levels", levels(spacing=(1, 0, 1)), levels(spacing=(1, NAN, 1))),
     *each("ElasticMultigrid", "degree", "degree", 0, -3, 10**6),
     *each("ElasticMultigrid", "coarse_inverse", "coarse_inverse", singles(53, 53), singles(54, 53), singles(1, 1)),
+    *each("ElasticMultigrid", "layered and excess", "excess", singles(1, 6, 6)),
+    *spoilt("ElasticMultigrid", "layered has a cell", "layered", ((0, 1), -1), ((1, 0), 4), ((1, 2), 2**40)),
     *each("ElasticMultigrid.iterate", "values", "load", singles(3, 5, 5, 6)),
     *each("ElasticMultigrid.iterate", "values", "start", singles(3, 5, 5, 6)),
     *each("ElasticMultigrid.iterate", "iterations", "iterations", -1, 10**9),
     *each("ElasticMultigrid.product", "values", "values", singles(3, 4, 5, 5)),
-    *each("line_load", "shape", "shape", (0, 5, 7)),
-    *each("line_load", "places and changes", "places", np.zeros(3)),
-    *each("line_load", "width", "width", 0, -1, NAN),
-    *each("line_load", "spacing", "spacing", (1, 0, 1)),
+    *each("nodal_forces", "shape", "shape", (0, 5, 7), (1, 5, 7)),
+    *each("nodal_forces", "points and amounts", "amounts", np.zeros(3)),
+    *each("nodal_forces", "points are not finite", "points", np.full((6, 3), NAN)),
+    *each("nodal_forces", "width", "width", 0, -1, NAN),
+    *each("nodal_force_vectors", "shape", "shape", (0, 5, 7), (1, 5, 7)),
+    *each("nodal_force_vectors", "points and forces", "forces", rows(5)),
+    *each("nodal_force_vectors", "points are not finite", "points", np.full((6, 3), NAN)),
+    *each("nodal_force_vectors", "width", "width", 0, -1, NAN),
+    *each("displacement_at", "x, y or z", "y", np.zeros((7, 5)), np.zeros((6, 6))),
+    *each("displacement_at", "points are not finite", "points", np.full((6, 3), NAN)),
+    *each("displacement_at", "spacing", "spacing", (1, 0, 1)),
+    *each("followed", "start is not", "start", np.zeros((3, 5, 5, 4))),
+    *each("followed", "change is not", "change", np.zeros((3, 4, 5, 5))),
+    *each("followed", "forgotten and taken_up", "forgotten", np.zeros(3), np.zeros(0)),
+    *each("followed", "forgotten and taken_up", "taken_up", np.zeros(5)),
+    *each("clipped_forces", "compliance is not square", "compliance", np.eye(4), np.ones((5, 6))),
+    *each("clipped_forces", "no diagonal", "compliance", np.zeros((5, 5))),
+    *each("clipped_forces", "low, high or start", "start", np.zeros(4)),
+    *each("clipped_forces", "low is above high", "low", np.ones(5), np.full(5, NAN)),
+    *each("clipped_forces", "sweeps", "sweeps", -1, 10**9),
+    *each("stick_slip", "compliance is not square", "compliance", np.eye(4), np.ones((5, 6))),
+    *each("stick_slip", "diagonal below 0", "compliance", -np.eye(5)),
+    *each("stick_slip", "end, anchors, axial or bounds", "end", np.zeros(4)),
+    *each("stick_slip", "end, anchors, axial or bounds", "anchors", np.zeros(6)),
+    *each("stick_slip", "sliding", "sliding", np.zeros(4, np.uint8)),
+    *each("stick_slip", "bond is not one longer", "bond", np.ones(5)),
+    *each("stick_slip", "bond is not above 0", "bond", np.zeros(6), np.full(6, NAN)),
+    *each("stick_slip", "bounds or limit", "bounds", np.full(5, -1.0), np.full(5, NAN)),
+    *each("stick_slip", "bounds or limit", "limit", -1.0, NAN),
+    *each("stick_slip", "slow", "slow", -1.0, NAN),
+    *each("stick_slip", "sweeps", "sweeps", -1, 10**9),
+    *each("forces_across", "compliance is not square", "compliance", np.eye(4), np.ones((12, 13))),
+    *each("forces_across", "wanted", "wanted", rows(2), rows(0)),
+    *each("forces_across", "soft or least", "soft", -1.0, NAN),
+    *each("forces_across", "soft or least", "least", -1.0),
+    *each("ForceLaw", "hands", "hands", 0, -1, 10**9),
+    *each("ForceLaw", "options are not", "options", np.ones(16), np.full(17, -1.0), np.full(17, NAN), np.zeros(17)),
+    *each("ForceLaw", "period", "options", np.ones(17)),
+    *each("ForceLaw", "sweeps", "sweeps", 0, 10**6),
+    *each("ForceLaw.renew", "compliance is not square", "compliance", np.eye(3), np.ones((4, 5))),
+    *each("ForceLaw.renew", "no diagonal", "compliance", np.zeros((4, 4))),
+    *each("ForceLaw.renew", "compliance is not finite", "compliance", np.full((4, 4), NAN)),
+    *each("ForceLaw.renew", "length of places", "forces", np.zeros(3)),
+    *each("ForceLaw.renew", "is not finite", "anchors", np.full(4, NAN), np.full(4, 1e300)),
+    *each("ForceLaw.renew", "low is above 0", "low", np.full(4, 0.1)),
+    *each("ForceLaw.renew", "tip is neither", "tip", 4, -2),
+    *each("ForceLaw.renew", "axis is not of length 1", "axis", np.ones(3), np.zeros(3)),
+    *each("ForceLaw.renew", "lateral_stiffness", "lateral_stiffness", -1.0, NAN),
+    *each("ForceLaw.tick", "positions or device_age", "positions", rows(3)),
+    *each("undeformed_points", "x, y or z", "y", np.zeros((7, 5)), np.zeros((6, 6))),
+    *each("undeformed_points", "points are not finite", "points", np.full((6, 3), NAN)),
+    *each("undeformed_points", "start and points", "start", np.zeros((5, 3))),
+    *each("undeformed_points", "iterations", "iterations", -1, 10**9),
+    *each("undeformed_points", "spacing", "spacing", (1, 0, 1)),
+    *each("nodal_forces", "spacing", "spacing", (1, 0, 1)),
     *each("EchoScene", "spacing", "spacing", (1, 0, 1)),
     *each("EchoScene", "texture", "texture", singles(4, 4, 5), singles(1, 1, 1)),
     ("EchoScene", FEW_PATTERNS, "power of two"),
@@ -159,7 +212,7 @@ def test_the_error_of_more_levels_than_there_are_is_not_told():
 
 @needs_core
 @pytest.mark.parametrize("shape", [(2**40,) * 3, (2**62, 2, 2), (2**60, 1, 1)], ids=str)
-@pytest.mark.parametrize("call", ["sum_on_lattice_f32", "sum_on_lattice_f64", "line_load"])
+@pytest.mark.parametrize("call", ["sum_on_lattice_f32", "sum_on_lattice_f64", "nodal_forces"])
 def test_a_result_larger_than_any_memory_is_refused(call, shape):
     function, arguments = prepared(_core.native, call)
     with pytest.raises((MemoryError, ValueError)):
@@ -309,6 +362,7 @@ def test_thin_tissue_with_many_nodes_is_solved():
     cells = (2, 140, 140)
     levels = [((1.0, 1.0, 1.0), np.full(cells, 3, np.float32), np.ones(cells, np.float32))]
     arguments = MULTIGRID | {"levels": levels, "coarse_inverse": np.zeros((0, 0), np.float32)}
+    arguments |= {"layered": np.zeros((0, 3), np.int64), "excess": singles(0, 6, 6)}
     load = np.zeros((3, *np.add(cells, 1)), np.float32)
     load[0, 2, 70, 70] = 1
     u, errors, sound_ = _core.native.ElasticMultigrid(**arguments).iterate(load, np.zeros_like(load), 4, True)

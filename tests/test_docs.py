@@ -84,7 +84,7 @@ def test_every_program_runs(page, files):
 
 def the_readme(left, files):
     assert left.r.forces["needle"].axial_n == pytest.approx(0.03 * 55 + 0.7, rel=0.1)
-    assert 0.5 < left.r.field.displacement((62, 74, 50)) @ left.needle.direction < 5
+    assert 0.5 < left.r.field.displacement((62, 74, 50)) @ left.needle.direction < 8
     assert left.r.settled
     assert {"slice.png", "warp.h5", "ultrasound.png"} <= {path.name for path in files.iterdir()}
     lines = [line for line in PROGRAMS["README.md"][0].splitlines() if line and not line.startswith("#")]

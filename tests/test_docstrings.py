@@ -44,7 +44,7 @@ def test_examples_run(name, tmp_path, monkeypatch):
     "name",
     [
         *("geometry.grid", "geometry.needle", "geometry.tissue", "fields.field"),
-        *("models.spline.insertion", "models.spline.kernels", "models.spline.interaction", "models.spline.spline"),
+        *("fields.polyharmonic", "models.spline.insertion", "mechanics.interaction", "models.spline.spline"),
     ],
 )
 def test_public_rooms_have_examples(name):

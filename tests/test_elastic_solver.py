@@ -1,13 +1,17 @@
 """The elastic solver against finite elements by others, and against what must hold exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sonospline as ss
 from builds import needs_core
-from labelled_tissue import away_from_reference, bone_of, consistent_load
+from labelled_tissue import away_from_reference, bone_of
 from sonospline import _core
+from sonospline.elasticity import ElasticSolver, NotConvergedError
 from sonospline.fem import FiniteElementModel
+from sonospline.fem.consistent_load import consistent_load
 from sonospline.geometry import solver_grid
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import (
@@ -21,10 +25,12 @@ from sonospline.mechanics import (
     labelled_cube,
 )
 from sonospline.mechanics.nodal_load import nodal_load
-from sonospline.models.elastic import ElasticInsertion, ElasticSolver, NotConvergedError
+from sonospline.models.elastic import ElasticInsertion
 
 NEEDLE = ss.Needle((0, 0.3, 0.5), (0.6, 0.5, 0.5))
 SMALL = 13**3
+SLOW = pytest.mark.slow
+SIMPLE = [name for name in LABELLED_CUBES if name not in ("bone", "body")]
 
 
 def cube(nodes=13, **keywords):
@@ -81,10 +87,36 @@ def test_every_cube_converges_to_the_field_of_scikit_fem_on_a_finer_grid(name, r
     assert away_from_reference(labelled_cube(name, poissons_ratio=ratio), 17, solver="direct") < 3e-4
 
 
-@pytest.mark.parametrize("contrast", [1e4, 1e6])
+@pytest.mark.parametrize("contrast", [pytest.param(1e4, marks=SLOW), 1e6])
 def test_a_high_contrast_converges_to_the_field_of_scikit_fem(contrast):
     pytest.importorskip("skfem")
     assert away_from_reference(bone_of(contrast), 13, solver="direct") < 3e-4
+
+
+def fixed_bone(name="bone", voxels=48, **keywords):
+    """A labelled cube whose stiffest tissue does not move."""
+    tissues = labelled_cube(name, voxels=voxels, **keywords)
+    hardest = max(tissues.materials, key=lambda label: tissues.materials[label].stiffness_kpa)
+    bone = replace(tissues.materials[hardest], rigid=True)
+    return TissueMap(tissues.labels, {**tissues.materials, hardest: bone})
+
+
+@pytest.mark.parametrize("ratio", [pytest.param(0.30, marks=SLOW), pytest.param(0.45, marks=SLOW), 0.49])
+def test_rigid_tissue_converges_to_the_field_of_scikit_fem_and_does_not_move(ratio):
+    pytest.importorskip("skfem")
+    tissues = fixed_bone("body", poissons_ratio=ratio)
+    assert away_from_reference(tissues, 13, solver="direct") < 3e-4
+    solver = ElasticSolver(cube(), tissues, nodes=SMALL)
+    state = solver.step(solver.rest, LineForce(), NEEDLE)
+    assert solver.moduli.rigid.any() and not state.displacement[:, solver.moduli.rigid_nodes].any()
+
+
+def test_pinned_faces_and_bone_carry_the_whole_load():
+    solver = ElasticSolver(cube(), fixed_bone(), nodes=SMALL)
+    needle = ss.Needle((0, 0.4, 0.2), (0.42, 0.4, 0.27))  # into the bone
+    force = solver.grid.direction @ solver.nodal_load(LineForce(), needle).sum(axis=(1, 2, 3))
+    reaction = solver.reaction(solver.solve(LineForce(), needle, tolerance=1e-5))
+    np.testing.assert_allclose(reaction, -force, atol=1e-3 * np.abs(force).max())
 
 
 @pytest.mark.parametrize("name", ["bone", "body"])
@@ -93,22 +125,38 @@ def test_full_integration_converges_to_the_field_of_scikit_fem(name):
     assert away_from_reference(labelled_cube(name, voxels=48), 9, integration="full", solver="direct") < 3e-4
 
 
-def test_the_load_is_the_consistent_one_of_the_reference_wherever_the_needle_points(a_tilted_grid):
-    low, high = a_tilted_grid.world(a_tilted_grid.extent * [[0.2, 0.3, 0.1], [0.7, 0.6, 0.8]])
-    load, needle = LineForce(30.0, 700.0, 2.5), ss.Needle(low, high)
+class Plain(Load):
+    """A line load without the way round through its axis: by its force per volume."""
 
-    class Plain(Load):  # the same force, without the way round through its axis
-        finest_length = 1.0
-        total_force = load.total_force
+    finest_length = 1.0
 
-        def __post_init__(self):
-            pass
+    def __init__(self, load):
+        self.load = load
 
-        def body_force(self, points, needle):
-            return load.body_force(points, needle)
+    def total_force(self, needle):
+        return self.load.total_force(needle)
 
-    found, expected = nodal_load(load, needle, a_tilted_grid), nodal_load(Plain(), needle, a_tilted_grid)
-    assert difference(found, expected) < 1e-4
+    def body_force(self, points, needle):
+        return self.load.body_force(points, needle)
+
+
+def test_the_load_is_that_of_its_force_per_volume_wherever_the_needle_points(a_rotation):
+    grid = ss.Grid(shape=(57, 55, 59), spacing=1.0, origin=(-30, 12, 7), direction=a_rotation)
+    load, needle = LineForce(30.0, 700.0, 3.6), ss.Needle(*grid.world(np.array([[20, 22, 25], [36, 34, 33.0]])))
+    found, expected = (nodal_load(each, needle, ss.Tissue(grid)).forces for each in (load, Plain(load)))
+    assert difference(found, expected) < 3e-4
+
+
+@pytest.mark.parametrize("width", [0.5, 3.6, 7.0])
+def test_total_and_first_moment_of_a_load_are_exact_however_coarse_the_cells(a_rotation, width):
+    grid = ss.Grid(shape=(33, 35, 31), spacing=(4.0, 3.7, 4.2), origin=(-30, 12, 7), direction=a_rotation)
+    load, needle = LineForce(30.0, 700.0, width), ss.Needle(*grid.world(np.array([[50.0, 61, 56], [71, 68, 73]])))
+    forces = grid.direction @ nodal_load(load, needle, ss.Tissue(grid)).forces.reshape(3, -1).astype(float)
+    whole = load.total_force(needle)
+    np.testing.assert_allclose(forces.sum(axis=1), whole * needle.direction, atol=1e-6 * whole)
+    moment = (needle.direction @ forces) @ (grid.points - needle.entry)
+    expected = (load.friction * needle.depth / 2 + load.tip_force) * needle.depth * needle.direction
+    np.testing.assert_allclose(moment, expected, atol=1e-5 * np.linalg.norm(expected))
 
 
 def test_the_pinned_faces_carry_the_whole_load():
@@ -122,8 +170,8 @@ def test_the_forces_are_the_newtons_asked_for():
     tissue = ss.Tissue(ss.Grid(shape=(41, 41, 41), spacing=2.5))
     needle = ss.Needle((20, 50, 50), (70, 50, 50))
     load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5)
-    forces = nodal_load(load, needle, tissue.grid).reshape(3, -1).sum(axis=1, dtype=float)
-    np.testing.assert_allclose(forces, [1000 * (0.03 * 50 + 0.7), 0, 0], rtol=1e-4, atol=1e-3)
+    forces = nodal_load(load, needle, tissue).forces.reshape(3, -1).sum(axis=1, dtype=float)
+    np.testing.assert_allclose(forces, [1000 * (0.03 * 50 + 0.7), 0, 0], rtol=1e-6, atol=1e-3)
 
 
 def test_tissue_half_as_stiff_moves_twice_as_far():
@@ -146,7 +194,7 @@ def test_tissues_of_one_friction_load_as_a_uniform_line(rng):
 def test_friction_is_that_of_the_tissue_along_the_shaft():
     tissues = labelled_cube("layers", side=90)
     slippery = Material(stiffness_kpa=1, friction_n_per_mm=0.0, cutting_force_n=0.2)
-    load = TissueForce(tissues=TissueMap(tissues.labels, {**tissues.materials, 1: slippery}))
+    load = TissueForce(tissues=TissueMap(tissues.labels, {**tissues.materials, 1: slippery}), width=5.0)
     assert load.total_force(ss.Needle((0, 45, 45), (45, 45, 45))) == pytest.approx(1000 * (0.03 * 30 + 0.2), rel=0.03)
 
 
@@ -173,13 +221,13 @@ def test_one_iteration_or_two_keep_up_with_the_needle(name, limit):
 
 
 @pytest.mark.parametrize("name", LABELLED_CUBES)
-def test_a_sudden_withdrawal_is_caught_within_three_iterations(name):
+def test_a_sudden_withdrawal_is_caught_in_one_step(name):
     solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)
     *_, deep = pushed(solver, 40)
     half = ss.Needle(NEEDLE.entry, NEEDLE.at(0.5))
     found = solver.step(deep, LineForce(), half)
-    assert found.iterations <= 3
-    assert error_of(solver, found, needle=half) < 0.05
+    assert found.iterations <= 5
+    assert error_of(solver, found, needle=half) < 0.015
 
 
 def test_a_step_keeps_the_state_it_started_from():
@@ -215,7 +263,7 @@ def test_a_step_that_breaks_down_keeps_the_last_field(monkeypatch):
 
 
 def test_an_unreachable_tolerance_says_so(monkeypatch):
-    monkeypatch.setattr("sonospline.models.elastic.solver._MOST_ITERATIONS", 4)
+    monkeypatch.setattr("sonospline.elasticity.solver._MOST_ITERATIONS", 4)
     solver = ElasticSolver(cube(), labelled_cube("bone", voxels=48), nodes=SMALL)
     with pytest.raises(NotConvergedError, match=r"error estimate is .* above tolerance"):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-6)
@@ -223,7 +271,7 @@ def test_an_unreachable_tolerance_says_so(monkeypatch):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-9)
 
 
-@pytest.mark.parametrize("name", LABELLED_CUBES)
+@pytest.mark.parametrize("name", ["bone", "body", *(pytest.param(name, marks=SLOW) for name in SIMPLE)])
 def test_the_published_error_is_the_true_one_or_a_few_times_that(name):
     solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)
     ratios = []
@@ -231,7 +279,7 @@ def test_the_published_error_is_the_true_one_or_a_few_times_that(name):
         if step % 3 == 0:
             needle = ss.Needle(NEEDLE.entry, NEEDLE.at(step / 40))
             ratios.append(state.error / error_of(solver, state, needle=needle))
-    assert min(ratios) > 0.9 and np.median(ratios) < 3 and max(ratios) < 8
+    assert min(ratios) > 0.8 and np.quantile(ratios, 0.95) < 3
 
 
 def test_a_needle_outside_is_refused_and_named():
@@ -291,7 +339,7 @@ def test_bad_input_is_refused_before_any_work(make, message):
 def test_too_large_a_contrast_is_refused():
     voxels = np.zeros((8, 8, 8), np.uint8)
     voxels[4:] = 1
-    materials = {0: Material(stiffness_kpa=1), 1: Material(stiffness_kpa=1e7, rigid=True)}
+    materials = {0: Material(stiffness_kpa=1), 1: Material(stiffness_kpa=1e7)}
     tissues = TissueMap(Volume(voxels=voxels, spacing=(1 / 8,) * 3, origin=(1 / 16,) * 3), materials)
     with pytest.raises(ValueError, match=r"differ by 1e\+07 times; give a contrast of at most 1e\+06"):
         ElasticSolver(cube(), tissues, nodes=SMALL)

@@ -19,6 +19,7 @@ def test_every_example_is_tested():
         "03_choose_a_reading.py",
         "04_see_a_needle.py",
         "05_drive_the_simulator.py",
+        "06_push_and_pull_back.py",
     ]
 
 
@@ -40,4 +41,9 @@ def test_see_a_needle():
 
 
 def test_drive_the_simulator():
-    assert run("05_drive_the_simulator.py")["vessel_moved"] == pytest.approx(0.858, abs=0.01)
+    assert run("05_drive_the_simulator.py")["vessel_moved"] == pytest.approx(0.918, abs=0.01)
+
+
+@pytest.mark.slow
+def test_push_and_pull_back():
+    assert run("06_push_and_pull_back.py")["middle"] == pytest.approx(-2.61, abs=0.05)  # outward of rest

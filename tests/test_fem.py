@@ -105,9 +105,10 @@ def test_what_is_clamped_does_not_move_and_the_entry_face_does(unit_tissue, an_o
     assert np.abs(u[0, 1:-1, 1:-1]).max() > 1e-4
 
 
-def test_the_paper_sized_load_moves_tissue_as_far_as_measured():
-    """Largest 0.027 to 0.029 and mean 0.0026 to 0.0033 of the side, at 25^3."""
-    tissue = ss.Tissue(ss.Grid.unit_cube(25))
+@pytest.mark.parametrize("nodes", [17, pytest.param(25, marks=pytest.mark.slow)])
+def test_the_paper_sized_load_moves_tissue_as_far_as_measured(nodes):
+    """Largest 0.027 to 0.029 and mean 0.0026 to 0.0033 of the side, at 25^3; a little less on coarser meshes."""
+    tissue = ss.Tissue(ss.Grid.unit_cube(nodes))
     u = FiniteElementModel(tissue).solve(LineForce(), ss.Needle((0, 0.4, 0.6), (0.6, 0.5, 0.5)))
     length = np.linalg.norm(u, axis=-1)
     assert 0.0255 < length.max() < 0.03

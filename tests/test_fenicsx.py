@@ -126,6 +126,7 @@ def test_a_history_needs_one_worker_and_is_kept_apart(unit_tissue, tmp_path, mon
     assert len(list(tmp_path.iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_the_worker_keeps_its_matrices_and_ends_with_its_model(unit_tissue):
     model = FiniteElementModel(unit_tissue, engine="fenicsx", solver="direct")
     for tip in ((0.3, 0.5, 0.5), (0.6, 0.5, 0.5)):

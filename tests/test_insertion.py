@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import RBFInterpolator
 
 import sonospline as ss
-from sonospline.models.spline.interaction import accumulated
+from sonospline.mechanics.interaction import accumulated
 
 # Ties with no node of the grids used here, so that rounding decides nothing.
 ENTRY, TARGET = np.array([0, 0.413, 0.578]), np.array([0.617, 0.531, 0.469])

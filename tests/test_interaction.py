@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import sonospline as ss
-from sonospline.models.spline.interaction import History, accumulated, interaction, shaft_displacement, tip_displacement
+from sonospline.mechanics.interaction import History, accumulated, interaction, shaft_displacement, tip_displacement
 
 MODEL = ss.NeedleTissueModel(
     shaft_displacement=0.4,

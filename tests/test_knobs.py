@@ -121,6 +121,7 @@ def browser():
         yield browser
 
 
+@pytest.mark.slow
 def test_the_page_gives_it_buttons_a_key_and_a_line_of_help(toy_server, browser):
     driver = Driver(browser, toy_server.url("/").replace("ws:", "http:")).live()
     try:

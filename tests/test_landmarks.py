@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import sonospline as ss
-from sonospline.models.spline.interaction import accumulated
-from sonospline.models.spline.landmarks import plan_landmarks, select_anchors
+from sonospline.mechanics.interaction import accumulated
+from sonospline.mechanics.landmarks import plan_landmarks, select_anchors
 
 STRAIGHT = ss.Needle(entry=(0, 0.5, 0.5), tip=(0.613, 0.5, 0.5))
 OBLIQUE = ss.Needle(entry=(0, 0.413, 0.578), tip=(0.617, 0.531, 0.469))

@@ -45,7 +45,7 @@ def an_open_table(monkeypatch):
         ("paper", {"materials": labelled_cube("layers")}, "model = 'paper' cannot do labels; use model = 'elastic'"),
         ("kelvinlet", {"needs": ["forces"]}, "model = 'kelvinlet' cannot do forces; use model = 'elastic'"),
         ("kelvinlet", {"needs": ["several needles"]}, "cannot do several needles; use model = 'elastic'"),
-        ("kelvinlet", {"needs": ["time"]}, "cannot do time; no model here can, leave it out"),
+        ("kelvinlet", {"needs": ["time"]}, "cannot do time; use model = 'elastic'"),
         ("elastic", {"needs": ["magic"]}, "needs = 'magic' is not known; choose one of forces, time, labels"),
     ],
 )
@@ -65,7 +65,7 @@ def test_what_is_needed_and_can_be_done_is_made():
         needs=["forces", "labels", "several needles"],
         solver_nodes=500,
     )
-    assert model.capabilities == {"forces", "labels", "several needles"}
+    assert model.capabilities == {"forces", "time", "labels", "several needles"}
 
 
 def test_options_reach_the_models():

@@ -2,18 +2,21 @@
 
 import multiprocessing
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import sonospline as ss
 from sonospline import models
+from sonospline.elasticity import NotConvergedError
 from sonospline.mechanics import LineForce, Material, TissueMap, labelled_cube
-from sonospline.models.elastic import NotConvergedError
 
 SIDE = 100.0
+SLOW = pytest.mark.slow
 STEPS = (10, 20, 60, 200)
 BLOCK = ss.Grid(shape=(17,) * 3, spacing=SIDE / 16)
+LAG = 0.025  # of a load behind its needle, at most
 OBLIQUE = ss.Needle((0, 43.0, 52.0), (61.0, 55.0, 48.0))
 
 
@@ -56,16 +59,18 @@ def test_the_number_of_steps_changes_a_field_by_at_most_its_error(name, needle):
     responses = [push(model, steps, needle) for steps in STEPS]
     assert_agree(responses)
     if name == "elastic":
-        assert max(response.error_estimate for response in responses) <= model.tolerance
+        assert max(response.error_estimate for response in responses) <= model.tolerance + LAG
 
 
-@pytest.mark.parametrize("kind", ["layers", "sphere", "cavity", "bone", "body"])
+@pytest.mark.parametrize(
+    "kind", ["bone", *(pytest.param(kind, marks=SLOW) for kind in ("layers", "sphere", "cavity", "body"))]
+)
 def test_the_number_of_steps_changes_labelled_tissue_by_at_most_its_error(kind):
     tissues = labelled_cube(kind, side=SIDE, stiffness_kpa=10, voxels=32)
     model = models.make("elastic", ss.Tissue(BLOCK), tissues, solver_nodes=13**3)
     responses = [push(model, steps, OBLIQUE) for steps in STEPS]
     assert_agree(responses)
-    assert max(response.error_estimate for response in responses) <= model.tolerance
+    assert max(response.error_estimate for response in responses) <= model.tolerance + LAG
 
 
 @pytest.fixture(scope="module")
@@ -80,22 +85,24 @@ def abdomen(shared_data):
     return model, ss.Needle(entry, entry + 0.8 * (middle - entry))
 
 
+@pytest.mark.slow
 def test_the_number_of_steps_changes_a_real_label_map_by_at_most_its_error(abdomen):
     model, needle = abdomen
     assert any(material.rigid for material in model.solver.material.materials.values())
-    responses = [push(model, steps, needle) for steps in STEPS]
+    responses = [push(model, count, needle) for count in STEPS]
     assert_agree(responses)
     at_rest = model.settle(responses[0], tolerance=1e-4)
     for response in responses:
         assert difference(response, at_rest) <= response.error_estimate
 
 
+@pytest.mark.slow
 def test_a_real_label_map_agrees_after_a_withdrawal_too(abdomen):
     model, needle = abdomen
     half = {"needle": ss.Needle(needle.entry, needle.at(0.4))}
     back = model.step(push(model, 20, needle).state, half)
     again = model.settle(back, tolerance=1e-4)
-    assert difference(back, again) <= 1.25 * back.error_estimate <= 1.25 * model.tolerance
+    assert difference(back, again) <= 1.25 * back.error_estimate <= 1.25 * (model.tolerance + LAG)
 
 
 def test_a_budget_that_ends_is_said():
@@ -105,7 +112,8 @@ def test_a_budget_that_ends_is_said():
     assert response.error_estimate > model.tolerance and not response.settled
     patient = models.make("elastic", ss.Tissue(BLOCK), solver_nodes=13**3, tolerance=1e-5, budget=50)
     response = patient.step(patient.rest, {"needle": OBLIQUE})
-    assert response.error_estimate <= 1e-5 and response.settled
+    assert response.state.solution.error <= 1e-5 and response.settled
+    assert response.error_estimate <= 1e-3 + 1e-5  # the load's place, too
 
 
 def test_tissue_left_alone_comes_to_rest_and_stays_there():
@@ -147,7 +155,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+DAILY = ("paper", "labelled")
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[] if case in DAILY else SLOW) for case in CASES])
 def test_pickled_models_and_states_go_on_to_the_same_bits_in_another_process(case):
     model = CASES[case]()
     state = push(model, 2, ss.Needle(OBLIQUE.entry, OBLIQUE.at(0.3))).state
@@ -174,7 +185,7 @@ FAULTS = {
     "paper": "sonospline.models.spline.spline.PolyharmonicSpline.solve",
     "incremental": "sonospline.models.spline.spline.PolyharmonicSpline.solve",
     "kelvinlet": "sonospline._definite.solve",
-    "elastic": "sonospline.models.elastic.solver.ElasticSolver._once",
+    "elastic": "sonospline.elasticity.solver.ElasticSolver._once",
 }
 
 
@@ -213,10 +224,11 @@ def test_a_load_that_breaks_down_leaves_no_trace():
     sound = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5.0)
     model = models.ElasticModel(ss.Tissue(BLOCK), Material(10.0), sound, nodes=9**3)
     first = push(model, 2, OBLIQUE)
-    model.load = load
+    loads = model._loads
+    model._loads = replace(loads, load=load)
     with pytest.raises(NotConvergedError, match="did not converge"), np.errstate(all="ignore"):
         model.step(first.state, {"needle": OBLIQUE})
-    model.load = sound
+    model._loads = loads
     undisturbed = models.ElasticModel(ss.Tissue(BLOCK), Material(10.0), sound, nodes=9**3)
     again, expected = (push(which, 3, OBLIQUE, first.state) for which in (model, undisturbed))
     assert again.state == expected.state

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import sonospline as ss
+from sonospline.elasticity import NotConvergedError
 from sonospline.geometry import ImagePlane, facing
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import LineForce, Material, ShaftDisplacement
-from sonospline.models.elastic import ElasticInsertion, NotConvergedError
+from sonospline.models.elastic import ElasticInsertion
 from sonospline.simulator.imaging import ReslicedImager, grey_range
 from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 from sonospline.ultrasound.acoustics import TISSUES

@@ -76,7 +76,7 @@ def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive, widgets):
         driver.page.keyboard.press("ArrowDown")
         driver.until(f"link.shown > {before}")
         driver.page.keyboard.press("Escape")
-    assert driver.page.locator(".menu").is_hidden()
+    assert driver.page.locator("#scene-menu").is_hidden()
 
 
 @pytest.mark.slow
@@ -91,14 +91,17 @@ def test_the_other_hands_keys_act_while_a_button_is_held(drive):
     assert driver.knob("slide") == 0.5
 
 
-@pytest.mark.parametrize("name", ["Help", pytest.param("scene", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Help", "scene"])
 def test_who_opens_with_the_keyboard_comes_back_to_the_same_place(drive, name):
     driver = drive()
     page = driver.page
     button = page.locator("#scene-button") if name == "scene" else page.get_by_role("button", name="Help")
     button.focus()
     page.keyboard.press("Enter")
-    opened = "!document.querySelector('.menu').hidden" if name == "scene" else "document.querySelector('dialog').open"
+    opened = {
+        "scene": "!document.querySelector('#scene-menu').hidden", "Help": "document.querySelector('dialog').open",
+    }[name]  # fmt: skip
     driver.until(opened)
     page.keyboard.press("Escape")
     driver.until(f"!({opened})")

@@ -33,6 +33,7 @@ def test_a_tap_is_one_step_and_slow_is_a_fifth_of_it(drive):
     assert driver.knob("slide") == 0
 
 
+@pytest.mark.slow
 def test_the_mouse_turns_the_wheel_drags_the_handle_and_types(drive):
     driver = drive()
     page = driver.page
@@ -232,6 +233,7 @@ def test_the_mouse_reaches_track_scale_caret_skin_and_buttons(drive):
     driver.until("!document.querySelector('.image-pane').classList.contains('placing')")
 
 
+@pytest.mark.slow
 def test_a_finger_taps_twice_to_pull_out_and_to_choose_an_entry(drive):
     driver = drive(size=SIZES["tablet"], touch=True)
     page = driver.page

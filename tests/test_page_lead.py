@@ -84,6 +84,7 @@ def test_no_way_of_pushing_runs_ahead_of_a_picture_that_does_not_come(drive, pus
     assert driver.evaluate("link.lead") <= MOST_MM
 
 
+@pytest.mark.slow
 def test_letting_go_leaves_the_needle_where_it_is_shown(drive):
     driver = drive(script=LINK)
     driver.answered()

@@ -7,6 +7,7 @@ from page_driver import DEPTH, LINK, STATUS, Driver, frame_drawn, serving
 pytest_plugins = ["page_fixtures"]
 
 
+@pytest.mark.slow
 def test_a_lost_server_is_said_and_no_old_number_is_shown(browser):
     with serving("--scene", "gel") as address:
         driver = Driver(browser, address).live()

@@ -79,6 +79,7 @@ CORNERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "layout"), CORNERS)
 def test_a_notice_stands_in_the_black_and_names_and_needle_are_whole(drive, scene, layout):
     driver = drive(scene, size=SIZES[layout], touch=layout not in ("desktop", "compact"))
@@ -121,9 +122,8 @@ def test_a_tablet_held_upright_has_a_wide_image_and_every_control_within_reach(d
         driver.picture("portrait")
 
 
-@pytest.mark.parametrize(
-    "size", [(720, 450), *(pytest.param(size, marks=pytest.mark.slow) for size in [(512, 384), (360, 740)])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(720, 450), (512, 384), (360, 740)])
 def test_the_help_shows_every_key_at_any_zoom(drive, size):
     driver = drive(size=size)
     driver.page.get_by_role("button", name="Help").click()

@@ -52,6 +52,7 @@ def test_the_picture_is_the_same_whatever_the_settings_are(tmp_path):
         assert drawn_with(tmp_path / f"{number}.png", **environment)[0] == plain, environment
 
 
+@pytest.mark.slow
 def test_a_picture_leaves_the_users_settings_alone(tmp_path):
     import matplotlib
 
@@ -86,6 +87,7 @@ def test_a_picture_that_fails_is_one_line_and_a_full_disk_is_an_error(tmp_path, 
         attempt(full)
 
 
+@pytest.mark.slow
 def test_a_run_whose_figure_fails_keeps_its_other_files(tmp_path, capsys, monkeypatch, caplog):
     def no_canvas(*size):
         raise RuntimeError("latex was not found")
@@ -102,6 +104,7 @@ def test_a_run_whose_figure_fails_keeps_its_other_files(tmp_path, capsys, monkey
     assert caplog.messages == ["figure.png could not be drawn: latex was not found"]
 
 
+@pytest.mark.slow
 def test_without_matplotlib_a_run_has_no_figure_and_says_which_extra_brings_it(tmp_path):
     done = run_without("matplotlib", "insert", "--out", tmp_path / "out", *SMALL)
     assert done.returncode == 0

@@ -85,6 +85,7 @@ def run(code):
     return subprocess.run([sys.executable, "-c", ONE_MORE + code], capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_a_probe_or_look_more_is_one_line_of_its_table():
     """In a process of its own, since choices are fixed once they are asked for: file, schema, picture, page, verb."""
     said = run(

@@ -19,10 +19,15 @@ FLOORS = (
     {"io"},
     {"fields"},
     {"mechanics"},
+    {"elasticity"},
+    {"contact"},
     {"models"},
     {"fem", "ultrasound"},
-    {"simulator"},
+    {"simulator", "igtl"},
+    {"training"},
+    {"link"},
     {"server"},
+    {"bench"},
     {"study"},
     {"commands"},
     {"cli"},
@@ -44,6 +49,7 @@ UNUSED_WORDS = re.compile(
     r"(?![a-z])"
 )
 """Words of no field that this one builds on; a picture in a paper is a figure, so that comments may say it."""
+LIBRARY = re.compile(r"(?<![a-z])librar(y|ies)(?![a-z])")
 
 
 @cache
@@ -185,11 +191,16 @@ def parted(name):
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
+def may_say(file, words):
+    """Whether words occur anywhere in a file; which tokens say them takes longer to find out."""
+    return words.search(parted(f"{file.stem} {file.read_text()}"))
+
+
 def test_names_and_comments_use_the_words_of_the_field():
     found = {
         f"{file.relative_to(ROOT)}: {text.strip()}"
         for file in sources()
-        if file.is_relative_to(PACKAGE) or file.is_relative_to(PAGE)
+        if (file.is_relative_to(PACKAGE) or file.is_relative_to(PAGE)) and may_say(file, UNUSED_WORDS)
         for text in spoken(file)
         if UNUSED_WORDS.search(parted(text))
     }
@@ -201,8 +212,8 @@ def test_no_name_is_a_library():
     found = {
         f"{file.relative_to(ROOT)}: {token.string}"
         for file in sources()
-        if file.is_relative_to(PACKAGE) and file.suffix in (".py", ".pyi")
+        if file.is_relative_to(PACKAGE) and file.suffix in (".py", ".pyi") and may_say(file, LIBRARY)
         for token in tokenize.generate_tokens(io.StringIO(file.read_text()).readline)
-        if token.type == tokenize.NAME and re.search(r"(?<![a-z])librar(y|ies)(?![a-z])", parted(token.string))
+        if token.type == tokenize.NAME and LIBRARY.search(parted(token.string))
     }
     assert found == set()

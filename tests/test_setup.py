@@ -161,7 +161,10 @@ def test_the_tests_need_more_and_their_arguments_pass_on(machine):
     assert "chromium (for the tests in a browser)" in said
     wanted = "python3 python3-venv python3-dev g++ nodejs npm chromium"
     assert bare.calls_file.read_text().splitlines()[1].strip().endswith(wanted)
-    assert bare.calls()[-1] == "pytest -n 2 --dist worksteal -m not slow -k needle or probe"
+    assert (
+        bare.calls()[-1]
+        == "pytest -n 2 --dist worksteal --durations 20 --durations-min 10 -m not slow -k needle or probe"
+    )
     assert "no step or option" in bare.start("test", "all", code=2)
     assert "--no-install" in bare.start("test", "--help")
     assert "--no-install" in bare.start("run", "--help")
@@ -170,6 +173,7 @@ def test_the_tests_need_more_and_their_arguments_pass_on(machine):
 SMALLER = "going on on the NumPy twin (the same results, slower), without the page"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("here", "options"), [(BARE, ["--no-install"]), ((), []), (("apt-get",), [])],
     ids=["--no-install", "no apt-get", "no root"],
@@ -207,6 +211,7 @@ def test_all_demands_everything(machine):
     assert "all of it is needed here" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["http_proxy", "HTTP_PROXY"])
 def test_a_proxy_goes_through_sudo_and_to_pip(machine, name):
     bare = machine(*BARE)
@@ -232,6 +237,7 @@ def test_no_network_is_one_clear_line(machine):
     assert bare.calls()[-1].startswith("serve")
 
 
+@pytest.mark.slow
 def test_what_an_interrupted_start_left_is_not_taken_for_whole(machine):
     whole = machine(*WHOLE)
     python = whole.project / ".venv/bin/python"

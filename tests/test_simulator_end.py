@@ -78,6 +78,7 @@ def test_a_scene_that_is_never_made_holds_up_neither_others_nor_the_end(tmp_path
         assert json.loads(out)["scene"] == "small"
 
 
+@pytest.mark.slow
 def test_a_text_whose_page_has_left_is_not_made(running, monkeypatch):
     """Two texts wait behind one that takes long; one of them is given up."""
     import threading

@@ -88,6 +88,7 @@ def test_every_probe_of_a_scene_file_gives_a_picture(rng, kind):
     of_a_scene_file(rng, [corner for corner in PROBES if corner[0] == kind])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("backend")
 @pytest.mark.parametrize(("frequency", "depth"), [(1.0, 20.0), (20.0, 30.0)])
 def test_presets_take_the_samples_their_pulse_needs(frequency, depth):

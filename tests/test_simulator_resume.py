@@ -105,6 +105,7 @@ def test_a_page_takes_over_from_its_own_socket_that_still_looks_alive(running):
             again.frame(again.ask(depth=16.0))
 
 
+@pytest.mark.slow
 def test_who_is_kept_gives_way_to_a_newcomer():
     running = Running(sessions=1)
     with Client(running) as page:

@@ -292,7 +292,7 @@ def test_a_step_that_fails_leaves_the_last_frame_and_is_told_to_all(console, mon
         assert shown(takers[1], 20.0)
         good = console.last
         with monkeypatch.context() as broken:
-            broken.setattr(console.session._models["paper"], "step", lambda *poses: 1 / 0)
+            broken.setattr(next(iter(console.session._models.values())), "step", lambda *poses: 1 / 0)
             runner.submit(at_depth(console, 30.0), 2)
             assert wait_for(lambda: all(taker.errors for taker in takers))
         assert console.command.needle.depth == 20
@@ -323,7 +323,7 @@ def test_elastic_tissue_comes_to_rest_by_itself(scene):
         runner.subscribe(taker)
         runner.submit(at_depth(console, 45.0), 1)
         assert wait_for(lambda: taker.frames and taker.frames[-1].settled and shown(taker, 45.0))
-    assert taker.frames[-1].readouts.estimate <= 5e-4
+    assert taker.frames[-1].readouts.estimate <= 1.5e-3  # of the iteration and of the load's place
 
 
 def test_no_thread_is_left(console):

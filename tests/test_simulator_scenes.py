@@ -98,7 +98,8 @@ def test_the_schema_knows_every_key():
     json.dumps(schema)
     assert schema["required"] == ["name", "tissue"]
     assert set(schema["properties"]) == {
-        "name", "description", "tissue", "model", "needle", "probe", "targets", "display", "surfaces"
+        "name", "description", "tissue", "model", "needle", "probe", "targets", "display", "surfaces", "membranes",
+        "breathing",
     }  # fmt: skip
     tissue = schema["$defs"]["TissuePart"]
     assert tissue["properties"]["entry_face"] == {
@@ -161,6 +162,7 @@ depth_mm = 100.0
 """
 
 
+@pytest.mark.slow
 def test_a_real_label_map_becomes_a_scene(shared_data):
     """Whole, and a piece of 90 mm of it."""
     scene = _made(LABELS.format(folder=shared_data, face="y+", box=""))
@@ -177,6 +179,7 @@ def test_a_real_label_map_becomes_a_scene(shared_data):
     assert 0.01 < frame.readouts.moved < 20
 
 
+@pytest.mark.slow
 def test_a_real_sweep_becomes_a_scene(shared_data):
     text = f"""name = "Spine phantom"
 [tissue]

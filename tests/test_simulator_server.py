@@ -16,7 +16,7 @@ from sonospline.simulator import Console
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
-    assert page.hello["protocol"] == 2
+    assert page.hello["protocol"] == 3
     assert [scene["id"] for scene in page.hello["scenes"]] == ["small", "kidney", "gel", "cube"]
     scene = page.scene
     assert scene["frame"]["out"] == [0, -1, 0]
@@ -45,6 +45,7 @@ def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
     assert offset == len(page.payload)
 
 
+@pytest.mark.slow
 def test_the_picture_sent_is_the_librarys(running, page):
     """Pixels, target and mesh of a frame against the library's own, made anew."""
     page.send(type="view", grid=True)
@@ -99,6 +100,7 @@ def test_at_most_two_frames_are_in_flight_and_one_where_the_page_is_slow(page, a
     assert header["state"]["needle"]["depth"] == 3
 
 
+@pytest.mark.slow
 def test_a_server_at_work_on_a_frame_still_answers_a_ping(page, monkeypatch):
     at_work, go_on = threading.Event(), threading.Event()
 
@@ -118,6 +120,7 @@ def test_a_server_at_work_on_a_frame_still_answers_a_ping(page, monkeypatch):
     assert page.frame(seq)[0]["state"]["needle"]["depth"] == 4
 
 
+@pytest.mark.slow
 def test_frames_come_in_order_and_at_least_five_a_second(page):
     page.frame()
     end, count = time.monotonic() + 2.0, len(page.frames)
@@ -178,6 +181,7 @@ def test_freezing_holds_until_released(page):
     assert (header["state"]["frozen"], header["state"]["needle"]["depth"]) == (False, 15)
 
 
+@pytest.mark.slow
 def test_another_scene_takes_over_and_a_bad_one_does_not(page):
     page.frame(page.ask(depth=12.0))
     page.send(type="open_scene", name="bad.toml", text=SMALL.replace("lines = 64", "lines = 6"))

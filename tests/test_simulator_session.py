@@ -92,6 +92,7 @@ def test_a_frame_is_the_consoles_at_the_same_poses(scene):
     assert shown.readouts.tip_to_target > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_the_field_is_the_models(scene, model):
     session, alone = Session(scene, model=model), models.make(model, scene.tissue, needs=())
@@ -162,7 +163,7 @@ def broken(*_, **__):
 
 
 def break_model(patch, session):
-    patch.setattr(session._models[session.model], "_answer", broken)
+    patch.setattr(next(iter(session._models.values())), "_answer", broken)
 
 
 def break_imager(patch, session):
@@ -178,12 +179,19 @@ def break_sampling(patch, session):
 
 
 def break_core(patch, session):
-    solving = {"paper": "kernel_matrix", "kelvinlet": "kelvinlet_sum", "elastic": "line_load"}
+    solving = {"paper": "kernel_matrix", "kelvinlet": "kelvinlet_sum", "elastic": "nodal_forces"}
     patch.setattr(_core.active, solving[session.model], broken)
 
 
 @pytest.mark.parametrize("model", [pytest.param(m, marks=() if m == "elastic" else pytest.mark.slow) for m in MODELS])
-@pytest.mark.parametrize("how", [break_model, break_imager, break_aim, break_sampling, break_core])
+@pytest.mark.parametrize(
+    "how",
+    [
+        break_model,
+        break_imager,
+        *(pytest.param(how, marks=pytest.mark.slow) for how in (break_aim, break_sampling, break_core)),
+    ],
+)
 def test_a_step_that_fails_leaves_no_trace(scene, model, how, monkeypatch):
     """The frames after it are those of a session that never failed, bit for bit."""
     session, twin = Session(scene, model=model), Session(scene, model=model)
@@ -247,6 +255,7 @@ def test_warming_up_changes_nothing(scene):
         assert same(warm.step(needles=one(depth)), cold.step(needles=one(depth)))
 
 
+@pytest.mark.slow
 def test_warming_up_beside_a_session_at_work_changes_nothing(scene):
     warm, cold = Session(scene), Session(scene)
     helpers = [threading.Thread(target=warm.warm_up, args=(needle(3.0),)) for _ in range(3)]

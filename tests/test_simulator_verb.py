@@ -78,6 +78,6 @@ def test_the_live_benchmark_measures_and_judges(tmp_path, capsys):
 
 def test_the_server_listens_before_readers_and_solvers_are_loaded():
     """They load beside the page: the first image waits for the slower of the two."""
-    late = ["sonospline.io.volumes", "sonospline.io.headers", "sonospline.models.elastic", "scipy", "SimpleITK"]
+    late = ["sonospline.io.volumes", "sonospline.io.headers", "sonospline.elasticity.solver", "scipy", "SimpleITK"]
     program = f"import sys, sonospline.server.server; print([m for m in {late} if m in sys.modules])"
     assert subprocess.check_output([sys.executable, "-c", program], text=True).strip() == "[]"

@@ -160,6 +160,7 @@ def kill_at(out, step):
     return found
 
 
+@pytest.mark.slow
 def test_a_kill_while_files_are_published_leaves_one_set_or_the_other(out):
     """Killed right before the link turns, then right after."""
     steps = int(run_until(shutil.copytree(out, out.parent / "counted"), 0, 0).stdout)
@@ -320,6 +321,7 @@ def test_a_signal_that_a_library_swallows_is_raised_again(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["cleaned"]
 
 
+@pytest.mark.slow
 def test_a_signal_that_becomes_another_error_still_ends_the_run_with_its_code():
     code = """
 import os, signal, sys

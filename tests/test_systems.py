@@ -7,10 +7,10 @@ from scipy.sparse import diags_array
 import sonospline as ss
 from sonospline import _definite
 from sonospline._core import cubic_axis
+from sonospline.elasticity import ElasticSolver
 from sonospline.fem.held_shaft import held_shaft
 from sonospline.fem.sparse_solvers import Solver, conjugate_gradients
 from sonospline.mechanics import Material, Moduli, ShaftDisplacement
-from sonospline.models.elastic import ElasticSolver
 
 
 def test_a_sound_system_is_solved_as_it_is(rng):

@@ -13,9 +13,10 @@ import pytest
 
 import sonospline as ss
 from builds import run_without
+from pools import rows_in_threads
 from sonospline import cli, models
 from sonospline.commands import _parameters, tune
-from sonospline.study import front_files, parallel
+from sonospline.study import front_files, parallel, tuning
 from sonospline.study.insertions import tuning_insertions
 from sonospline.study.objective import TUNABLES, Objective, errors_at_target, model_of
 from sonospline.study.parallel import dask_executor, rows_in_parallel
@@ -107,6 +108,7 @@ def test_the_front_does_not_depend_on_how_it_is_run(references):
     assert not np.array_equal(threads.designs, other.designs)
 
 
+@pytest.mark.slow
 def test_a_longer_search_is_no_worse(references):
     with ThreadPoolExecutor(2) as executor:
         fronts = [
@@ -131,6 +133,7 @@ def test_rows_keep_their_order_on_any_executor():
         assert np.array_equal(apply(rows), np.cumsum(rows, axis=1))
 
 
+@pytest.mark.slow
 def test_workers_do_not_outlive_a_killed_search(tmp_path):
     (tmp_path / "killed.py").write_text(
         "import os, signal, numpy\n"
@@ -180,6 +183,7 @@ def test_the_verb_writes_a_front_and_parameters_that_insert_accepts(tmp_path, ca
         assert getattr(model, name) == pytest.approx(side * value)
 
 
+@pytest.mark.slow
 def test_insert_scales_tuned_parameters_to_its_tissue(tmp_path, capsys):
     pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
     (tmp_path / "parameters.toml").write_text(_parameters.text(model_of(DESIGN), ["a remark"]))
@@ -191,7 +195,9 @@ def test_insert_scales_tuned_parameters_to_its_tissue(tmp_path, capsys):
     assert model["tip_displacement"] == 3
 
 
-def test_the_verb_tells_a_person_what_it_found(tmp_path, capsys, without_finite_elements):
+@pytest.mark.slow
+def test_the_verb_tells_a_person_what_it_found(tmp_path, capsys, without_finite_elements, monkeypatch):
+    monkeypatch.setattr(tuning, "rows_in_parallel", rows_in_threads)
     assert cli.main(["tune", *TINY, "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     for words in ("tuned, held out", "Table I, tuned on", "doing nothing", "sigma_tip", "parameters.toml"):
@@ -243,6 +249,7 @@ def test_bad_input_is_one_line_exit_code_2_and_no_output(case, tmp_path, capsys)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "http://"])
 def test_a_scheduler_that_does_not_answer_is_refused(address, tmp_path, capsys, without_finite_elements, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra 'dask'")

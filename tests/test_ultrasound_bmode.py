@@ -119,6 +119,7 @@ def test_every_instruction_set_agrees_with_the_twin(probe, native, monkeypatch):
         assert np.abs(found.frame.pixels.astype(int) - expected.frame.pixels).max() <= 2
 
 
+@pytest.mark.slow
 @needs_core
 @pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
 def test_every_instruction_set_chooses_the_scatterers_of_the_twin(probe, native, monkeypatch):
@@ -159,6 +160,7 @@ def test_a_moved_probe_shows_what_a_new_one_would():
     assert np.array_equal(scanner.render(a_field()).iq, before)
 
 
+@pytest.mark.slow
 def test_another_setting_of_the_probe_shows_what_a_new_scanner_would():
     scanner = liver_scanner(CURVED)
     before = scanner.render(a_field()).iq

@@ -42,6 +42,7 @@ def test_another_probe_at_another_place(tmp_path, capsys):
     assert np.allclose(shown, [110, 50, 0.5 + 2 * half_a_pixel], atol=3 * half_a_pixel)
 
 
+@pytest.mark.slow
 def test_a_real_volume_is_cut_through_the_needle(tmp_path, capsys):
     write_volume(layered_block(), tmp_path / "block.mha")
     where = ["--entry", "0,30,42", "--target", "62,44,42"]

@@ -48,6 +48,7 @@ def test_the_fits_are_those_of_the_measurements(shared_data, model, name, least)
     assert np.sqrt(np.mean((fitted - cnr) ** 2)) < 1.1
 
 
+@pytest.mark.slow
 def test_brightness_in_the_image_follows_the_measured_curve(shared_data):
     """Angles are counted from the fitted maximum, 78.15 degrees, which stands for square to the beam."""
     model = NeedleEcho.steel_2mm()

@@ -143,6 +143,7 @@ def test_slices_draw_themselves(a_deformed_field, an_oblique_needle):
     axes.figure.canvas.draw()
 
 
+@pytest.mark.slow
 def test_slices_become_pyvista_surfaces(a_deformed_field):
     pytest.importorskip("pyvista", reason="needs the extra 'view'")
     plane = ImagePlane.crossing(a_deformed_field.grid, normal=(0, 0, 1), through=(0.5, 0.5, 0.5), pixels=40)

@@ -79,6 +79,7 @@ def test_core_and_twin_cut_alike(block, block_field, block_plane, monkeypatch):
     assert (frames[0].pixels[both] != frames[1].pixels[both]).mean() < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("back_end", BACK_ENDS, ids=lambda b: b.__name__.rpartition(".")[2])
 @pytest.mark.parametrize("pixel_mm", [0.15, 0.7])
 def test_pixels_show_the_voxel_that_the_inverse_map_brings_there(block, block_field, back_end, pixel_mm, monkeypatch):

@@ -116,6 +116,7 @@ def under_limits(folder, shares):
         assert said.startswith(name) and "could not be written whole" in said and "\n" not in said, where
 
 
+@pytest.mark.slow
 def test_no_writer_leaves_half_a_file_or_touches_the_earlier_one(tmp_path):
     under_limits(tmp_path, [0, 0.5, 1])
 
@@ -230,6 +231,7 @@ def each_limit(name, folder, shares):
     assert not all(outcomes)
 
 
+@pytest.mark.slow
 def test_a_verb_on_a_full_disk_leaves_nothing_and_says_so_in_one_line(tmp_path):
     command_of("insert .nii", tmp_path)  # makes the input, which is as large as what is written
     out, done = run_limited("insert .nii", tmp_path, (tmp_path / "block.nii").stat().st_size - 1)

@@ -33,9 +33,12 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         if one is other:
             return True
-        inexact = all(np.issubdtype(np.asarray(array).dtype, np.inexact) for array in (one, other))
-        return np.array_equal(one, other, equal_nan=inexact)
+        return np.array_equal(one, other) or (_may_be_nan(one, other) and np.array_equal(one, other, equal_nan=True))
     return bool(one == other)
+
+
+def _may_be_nan(*arrays: Any) -> bool:
+    return all(np.asarray(array).dtype.kind in "fc" for array in arrays)
 
 
 def _key(value: Any) -> Hashable:

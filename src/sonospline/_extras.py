@@ -24,6 +24,7 @@ PROVIDES = {
     "uvicorn": "serve",
     "websockets": "serve",
     "playwright": "bench",
+    "mcap": "record",
 }
 """Module -> the extra that brings it."""
 

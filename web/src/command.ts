@@ -8,7 +8,8 @@ const GROUPS = ["needle", "probe", "image"] as const satisfies readonly Knob["gr
 const SAME = 1e-6;
 
 /**
- * Where the server did not follow a command (blocked, clamped, taken back), the hand is put there too.
+ * Where the server did not follow a command (blocked, clamped, taken back), the hand is put there too; one that has
+ * turned back meanwhile, and is on this side of it already, stays where it is.
  *
  * @param command what the hand wants now
  * @param sent the command that the frame answers
@@ -20,10 +21,13 @@ export function adopt(command: Command, sent: Command, state: Command): Command 
     const changed: Numbers = {};
     for (const [field, value] of Object.entries(state[group])) {
       const asked = (sent[group] as unknown as Numbers)[field];
-      if (Math.abs(asked - value) > SAME) changed[field] = value;
+      const now = (command[group] as unknown as Numbers)[field];
+      if (asked - value > SAME) changed[field] = Math.min(now, value);
+      else if (value - asked > SAME) changed[field] = Math.max(now, value);
     }
     if (Object.keys(changed).length > 0) next = { ...next, [group]: { ...next[group], ...changed } };
   }
+  if (!alike(sent.tissue, state.tissue)) next = { ...next, tissue: state.tissue };
   return sent.frozen === state.frozen ? next : { ...next, frozen: state.frozen };
 }
 
@@ -40,5 +44,10 @@ export function same(a: Command, b: Command): boolean {
     const [p, q] = [a[group] as unknown as Numbers, b[group] as unknown as Numbers];
     return p === q || Object.keys(p).every((field) => p[field] === q[field]);
   });
-  return parts && a.frozen === b.frozen;
+  return parts && alike(a.tissue, b.tissue) && a.frozen === b.frozen;
+}
+
+/** Whether tissue is asked for the same in time. */
+function alike(a: Command["tissue"], b: Command["tissue"]): boolean {
+  return a?.contact === b?.contact && a?.relaxation === b?.relaxation && a?.breathing === b?.breathing;
 }

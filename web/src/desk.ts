@@ -6,6 +6,7 @@ import { ACROSS, ALONG, ANGLE, PUSH, read, SWING } from "./knobs";
 import { Motion, PACE, type Pace } from "./motion";
 import { RESTORE, type Session } from "./session";
 import { Signal } from "./signal";
+import type { TissueSwitch } from "./tissue";
 import { clamp } from "./vec";
 
 export interface Switches {
@@ -179,6 +180,11 @@ export class Desk {
       case "colours":
       case "probeView":
         return this.flip(action);
+      case "breathe":
+      case "hold":
+      case "remember":
+      case "relax":
+        return this.turn(action);
       case "nextModel":
         return this.chooseModel(this.nextModel());
       default:
@@ -212,6 +218,11 @@ export class Desk {
     this.restoreUntil = performance.now() + RESTORE;
     this.flip("placing", false);
     this.session.reset();
+  }
+
+  private turn(id: TissueSwitch): void {
+    const why = this.session.turn(id);
+    if (why) this.said.emit(`${why}.`);
   }
 
   private chooseModel(place: number): void {

@@ -19,6 +19,10 @@ export const ACTIONS = {
   model2: "Second model",
   model3: "Third model",
   nextModel: "Next model",
+  breathe: "Breathing",
+  hold: "Hold the breath",
+  remember: "Needle remembers",
+  relax: "Tissue relaxes",
 } as const;
 
 export type ActionId = keyof typeof ACTIONS;
@@ -44,6 +48,10 @@ const OWN: ReadonlyMap<string, Binding> = new Map([
   action("KeyG", "grid"),
   action("KeyK", "colours"),
   action("KeyP", "probeView"),
+  action("KeyT", "breathe"),
+  action("KeyH", "hold"),
+  action("KeyM", "remember"),
+  action("KeyL", "relax"),
   action("Digit1", "model1"),
   action("Digit2", "model2"),
   action("Digit3", "model3"),

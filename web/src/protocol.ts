@@ -1,17 +1,17 @@
-/** What page and server say to each other, version 2: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
+/** What page and server say to each other, version 3: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
 
 import type { FrameHeader, GeometryHeader, Hello, MeshHeader, Protocol } from "./protocol.gen";
 
 export type {
-  Choice, Command, FrameHeader, Hello, Loading, MeshHeader, NeedleCommand, Notice, ProbeOutline, Readouts, Refused,
-  SceneKnob as Knob, SceneMessage as Scene, SkinDirections,
+  Choice, Command, FrameHeader, Hello, Loading, LoggedEvent, MeshHeader, NeedleCommand, Notice, OfferedModel, ProbeOutline, Readouts, Refused,
+  SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";
 
 export type ServerText = Protocol["server"];
 export type ClientText = Protocol["client"];
 
 /** A page that was left open while the server was replaced must not guess. */
-export const PROTOCOL: Hello["protocol"] = 2;
+export const PROTOCOL: Hello["protocol"] = 3;
 
 /** One drawn-to-be image with everything that belongs to it. */
 export interface Frame {

@@ -4,9 +4,10 @@ import { Connection, type Loss } from "./connection";
 import { ACROSS, ALONG, put, read } from "./knobs";
 import { Meter } from "./latency";
 import { bounded, letGo } from "./lead";
-import { PROTOCOL, type Command, type Frame, type Geometry, type Hello, type Knob, type Loading, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
+import { PROTOCOL, type Command, type Frame, type Geometry, type Hello, type Knob, type Loading, type LoggedEvent, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
 import { Signal } from "./signal";
 import { adopt, limited, same } from "./command";
+import { STILL, turned, unavailable, type TissueSwitch } from "./tissue";
 
 export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
 
@@ -53,12 +54,16 @@ export class Session {
   readonly statusChanged = new Signal<Status>();
   readonly refused = new Signal<Refused>();
   readonly noticed = new Signal<Notice>();
+  /** Something happened in the tissue, whether or not its frame was sent. */
+  readonly happened = new Signal<LoggedEvent>();
 
   private pending: Frame[] = [];
   /** The newest frame that came before the pose asked for: its positions still count. */
   private early: Frame | null = null;
   /** Frames with a smaller number show another pose than the one the page goes on with. */
   private awaited = 0;
+  /** Number of the last event; null before the first frame of a scene. */
+  private heard: number | null = null;
   private seq = 0;
   private sent = new Map<number, Command>();
   private lastSent: Command | null = null;
@@ -143,6 +148,16 @@ export class Session {
     this.want({ ...this.command, frozen: !this.command.frozen });
     this.setStatus(this.command.frozen ? "frozen" : "live");
     this.lastHeard = performance.now();
+  }
+
+  /** Turn a switch of the tissue's; why it does nothing, where it does nothing. */
+  turn(id: TissueSwitch): string | null {
+    if (!this.answers || !this.command || !this.scene) return null;
+    const tissue = this.command.tissue ?? STILL;
+    const why = unavailable(this.scene, this.model, tissue, id);
+    if (why) this.noticed.emit({ type: "notice", level: "caution", message: why });
+    else this.want({ ...this.command, tissue: turned(tissue, id) });
+    return why;
   }
 
   chooseModel(id: string): void {
@@ -236,8 +251,16 @@ export class Session {
     this.reconcile(header.seq, header.state);
     this.setStatus(this.command?.frozen ? "frozen" : "live");
     this.drawn.emit(frame);
+    this.tell(header.log);
     this.meter.frameDrawn(header.seq, performance.now());
     this.link.settle();
+  }
+
+  /** Events that are new; those before the first frame of a scene are old, and after a restored reset they begin anew. */
+  private tell(log: readonly LoggedEvent[]): void {
+    const newest = log.at(-1)?.number ?? 0;
+    for (const event of log) if (this.heard !== null && event.number > this.heard) this.happened.emit(event);
+    this.heard = newest;
   }
 
   private reconcile(seq: number, state: Command): void {
@@ -298,7 +321,7 @@ export class Session {
     this.scene = scene;
     this.model = scene.model;
     this.target = scene.target;
-    this.frame = this.early = null;
+    this.frame = this.early = this.heard = null;
     this.pending = [];
     this.setStatus("loading");
     this.command = again ? { ...again, frozen: false } : scene.state;

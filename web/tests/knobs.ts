@@ -21,5 +21,5 @@ export const command: Command = {
   needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
   probe: { slide: 0, sweep: 0, rotate: 0, fan: 0 },
   image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 },
-  frozen: false,
+  tissue: { contact: "pose", relaxation: "none", breathing: "none" }, frozen: false,
 };

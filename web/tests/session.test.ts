@@ -36,7 +36,7 @@ describe("a session", () => {
 
   const show = (state: typeof start) => {
     seq += 1;
-    const header = { frame: seq, seq: wire.said.filter(({ type }) => type === "command").length, state, model: "paper", target: { id: "t" } } as unknown as FrameHeader;
+    const header = { frame: seq, seq: wire.said.filter(({ type }) => type === "command").length, state, model: "paper", target: { id: "t" }, log: [] } as unknown as FrameHeader;
     wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
     session.draw(1000 * seq);
   };
@@ -52,7 +52,7 @@ describe("a session", () => {
   });
 
   it("stays lost where a frame came before the connection was, and was not drawn", () => {
-    const header = { frame: 99, seq: 0, state: start, model: "paper", target: { id: "t" } } as unknown as FrameHeader;
+    const header = { frame: 99, seq: 0, state: start, model: "paper", target: { id: "t" }, log: [] } as unknown as FrameHeader;
     wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
     wire.lost.emit({ attempt: 0, nextAt: 0, reason: "taken over" });
     session.draw(1e6);
@@ -85,5 +85,38 @@ describe("a session", () => {
     wire.broken.on((message) => heard.push(message));
     wire.text.emit({ ...hello, protocol: 99 as unknown as Hello["protocol"] });
     expect(heard).toEqual([`The server speaks version 99, this page ${PROTOCOL}: reload the page`]);
+  });
+
+  it("tells of each event once, of frames that were not sent too, and of none from before it came", () => {
+    const heard: string[] = [];
+    session.happened.on(({ text }) => heard.push(text));
+    const log = (...numbers: number[]) => numbers.map((number) => ({ number, text: `event ${number}`, depth: 1 }));
+    const send = (...numbers: number[]) => {
+      seq += 1;
+      const header = { frame: seq, seq: 0, state: start, model: "paper", target: { id: "t" }, log: log(...numbers) } as unknown as FrameHeader;
+      wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+      session.draw(1000);
+    };
+    send(1, 2);
+    send(1, 2);
+    send(1, 2, 3, 4);
+    expect(heard).toEqual(["event 1", "event 2", "event 3", "event 4"]);
+    send(1, 2); // a reset was taken back
+    send(1, 2, 3);
+    expect(heard.slice(4)).toEqual(["event 3"]);
+    wire.text.emit(scene);
+    send(7, 8);
+    expect(heard.length).toBe(5);
+  });
+
+  it("turns a switch of the tissue, or says why not", () => {
+    const said: string[] = [];
+    session.noticed.on(({ message }) => said.push(message));
+    expect(session.turn("remember")).toBe("paper knows no time");
+    expect(said).toEqual(["paper knows no time"]);
+    scene.models.push({ id: "paper", name: "Paper", time: true, forces: true });
+    expect(session.turn("remember")).toBeNull();
+    expect(wire.said.filter(({ type }) => type === "command").at(-1)).toMatchObject({ tissue: { contact: "track" } });
+    scene.models.pop();
   });
 });

@@ -14,8 +14,8 @@ from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..geometry.tissue import Tissue
 from ..io.writing import write_json
+from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
-from ..models.spline.interaction import NeedleTissueModel
 from ..ultrasound.cine import write_gif, write_sequence
 from . import _folds
 from ._image_view import View

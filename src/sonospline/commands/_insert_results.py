@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from ..io.insertion_figure import draw_insertion
 from ..io.volumes import write_volume
 from ..io.vtk import write_vti
 from ..io.writing import write_json
+from ..mechanics.bone_stop import Blocked
 from ..models.insertion import NeedleInsertion
 from . import _folds
 
@@ -35,7 +36,12 @@ class Outcome:
     """A finished insertion and how long its steps took."""
 
     insertion: NeedleInsertion
+    path: Needle
+    """As it was asked for."""
     needle: Needle
+    """Where it ended."""
+    bone: Blocked | None
+    """What stopped it there."""
     field: Field
     step_ms: list[float]
 
@@ -67,15 +73,17 @@ def write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argpa
         "volume": str(args.volume or args.labels or "phantom"),
         "volume_kind": "labels" if isinstance(volume, LabelMap) else "image",
         "entry_ras_mm": outcome.needle.entry.tolist(),
-        "target_ras_mm": outcome.needle.tip.tolist(),
+        "target_ras_mm": outcome.path.tip.tolist(),
+        "tip_ras_mm": outcome.needle.tip.tolist(),
         "depth_mm": outcome.needle.depth,
+        "blocked": None if outcome.bone is None else asdict(outcome.bone),
         "nodes": grid.node_count,
         "grid_shape": grid.shape,
         "grid_spacing_mm": grid.spacing,
         "entry_face": outcome.insertion.tissue.entry_face,
         "model": args.model,
         **outcome.insertion.tissue_model.facts(outcome.insertion.response),
-        "steps": args.steps,
+        "steps": len(outcome.step_ms),
         "step_ms": {
             "median": float(np.median(outcome.step_ms)),
             "p95": float(np.percentile(outcome.step_ms, 95)),

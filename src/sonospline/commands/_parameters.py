@@ -10,8 +10,8 @@ from typing import Any
 from .. import _validate
 from ..io.files import read_text
 from ..io.toml_text import TomlError, loads
+from ..mechanics.interaction import NeedleTissueModel
 from ..models.registry import ModelSpec
-from ..models.spline.interaction import NeedleTissueModel
 
 NAMES = tuple(field.name for field in fields(NeedleTissueModel))
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 from .. import _core
+from ..bench import live, machine, promises, race_report, suite
 from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
-from ..study import claims, live, machine, race_report, suite
 from . import _limits, _options
 from ._progress import say
 
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         before = machine.processor_ticks()
         results = {"machine": machine.describe(processors), **measure(args.rounds, say(quiet=args.quiet))}
         results["machine"]["withheld"] = machine.withheld_since(before)
-        results["claims"] = [] if args.quick else claims.of_the_race(results)
+        results["claims"] = [] if args.quick else promises.of_the_race(results)
         write_json(folder / "bench.json", results)
         write_text(folder / "bench.md", race_report.tables(results))
         attempt(lambda: race_report.draw_cost(results, folder / "cost.png"))
@@ -65,7 +65,7 @@ def describe(results: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what a person wants to see first."""
     if args.live:
         return f"{live.report(results)}\n\neverything: {args.out / 'live.json'}"
-    shown = claims.table_of_promises(results["claims"]) if results["claims"] else race_report.tables(results)
+    shown = promises.table_of_promises(results["claims"]) if results["claims"] else race_report.tables(results)
     return f"{shown}\n\neverything: {args.out / 'bench.md'}, its picture: {args.out / 'cost.png'}"
 
 

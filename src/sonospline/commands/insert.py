@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import time
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,15 @@ from ..geometry.tissue import Tissue
 from ..geometry.volume import Volume
 from ..io.staging import staged_folder
 from ..io.volumes import suffix_of
+from ..mechanics.bone_stop import stopped
 from ..mechanics.tissue_map import TissueMap
-from ..models.insertion import NeedleInsertion
+from ..models.insertion import NEEDLE, NeedleInsertion
 from . import _folds, _limits, _models, _options, _points
 from ._insert_place import image, needle_path
 from ._insert_results import Outcome, write
 from ._progress import track
+
+logger = logging.getLogger(__name__)
 
 HELP = "push a needle into a 3-D image and write the deformed tissue"
 EXAMPLES = """examples:
@@ -49,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _options.add_seed(how, "of the phantom's speckle")
     _models.add_arguments(parser)
     what = parser.add_argument_group("what comes out")
+    what.add_argument("--strict", action="store_true", help="write nothing where bone stops the needle (exit 2)")
     _folds.add_argument(what)
     _options.add_output(what)
 
@@ -64,6 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     tissues = _models.read_tissues(args)
     volume = image(args, tissues)
     path = needle_path(args, volume)
+    _say_what_stops(path, tissues, args)
     insertion = _insertion(args, volume, path, tissues)
     with staged_folder(args.out) as folder:
         outcome = _insert(insertion, path, args)
@@ -80,6 +86,7 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
     lines = [
         f"tissue        {summary['nodes']:,} nodes ({shape}), {summary['entry_face']} free",
         f"needle        {summary['depth_mm']:.1f} mm in {summary['steps']} steps, " + _about_model(summary),
+        *_bone_line(summary),
         f"step          {summary['step_ms']['median']:.1f} ms median, {summary['step_ms']['p95']:.1f} ms p95 "
         f"({summary['backend']}, {summary['instruction_set']})",
         f"displacement  {summary['max_displacement_mm']:.2f} mm at most, "
@@ -99,19 +106,32 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
 def _about_model(summary: dict[str, Any]) -> str:
     if "solver_shape" in summary:
         solver = " x ".join(map(str, summary["solver_shape"]))
-        return f"finite elements on {solver} nodes, error estimate {100 * summary['error_estimate']:.2g} %"
+        grid, tip = summary["grid_error"], summary["grid_error_at_tip"]
+        cells = "unknown" if grid is None else f"{100 * grid:.2g} %, at the tip {100 * tip:.2g} %"
+        width, asked = summary["load_width_mm"], summary["load_width_asked_mm"]
+        wide = f", load widened from {asked:.2g} to {width:.2g} mm by the cells" if width > asked else ""
+        return (
+            f"finite elements on {solver} nodes, error estimate {100 * summary['error_estimate']:.2g} %, "
+            f"of the cells {cells}{wide}"
+        )
     if "landmarks" in summary:
         return f"{summary['landmarks']} landmarks, {summary['anchors']} anchors"
     return f"model {summary['model']}"
+
+
+def _bone_line(summary: dict[str, Any]) -> list[str]:
+    blocked = summary["blocked"]
+    return [] if blocked is None else [f"bone          {blocked['by']} stops the needle before its target"]
 
 
 def _strain_line(summary: dict[str, Any]) -> list[str]:
     if summary.get("small_strain", True):
         return []
     place = ", ".join(f"{x:.0f}" for x in summary["largest_strain_ras_mm"])
+    mean, peak = ("{:.0%} to {:.0%}".format(*share) for share in summary["theory_error"].values())
     return [
-        f"strain        {summary['largest_strain']:.2f} at ({place}) mm: beyond {SMALL:g}, where the linear theory "
-        "is a rough guide"
+        f"strain        {summary['largest_strain']:.2f} at ({place}) mm, beyond {SMALL:g}: linear theory is off by "
+        f"some {mean} of the mean displacement, {peak} of the largest, the more the more tissue stiffens"
     ]
 
 
@@ -121,12 +141,25 @@ def _insertion(args: argparse.Namespace, volume: Volume, path: Needle, tissues: 
     return NeedleInsertion(_models.make(args, Tissue(grid, entry_face=face), tissues))
 
 
+def _say_what_stops(path: Needle, tissues: TissueMap | None, args: argparse.Namespace) -> None:
+    """Say that bone will stop the needle; refuse one that starts in it, or any that is stopped where that was asked."""
+    _, events = stopped({NEEDLE: path}, tissues)
+    for event in events:
+        stops = f"bone stops the needle: {event.by} after {event.depth_mm:.1f} of {path.depth:.1f} mm"
+        if args.strict:
+            raise ValueError(f"--strict: {stops}; choose a path beside it")
+        logger.warning("%s", stops)
+
+
 def _insert(insertion: NeedleInsertion, path: Needle, args: argparse.Namespace) -> Outcome:
     step_ms = []
     steps = insertion.run(path.entry, path.tip, args.steps)
-    for _ in track(range(args.steps), args.steps, "inserting", quiet=args.quiet):
-        start = time.perf_counter()
-        next(steps).on_grid()
+    start = time.perf_counter()
+    for field in track(steps, args.steps, "inserting", quiet=args.quiet):
+        field.on_grid()
         step_ms.append(1e3 * (time.perf_counter() - start))
-    insertion.settle()  # the needle rests at its target
-    return Outcome(insertion, path, insertion.field, step_ms)
+        start = time.perf_counter()
+    bone = insertion.response.blocked.get(NEEDLE)
+    needle = insertion.needle if bone and insertion.needle else path
+    insertion.settle()  # a loose fragment may move on before the tip, which stays
+    return Outcome(insertion, path, needle, bone, insertion.field, step_ms)

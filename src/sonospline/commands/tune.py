@@ -17,21 +17,22 @@ from ..geometry.tissue import Tissue
 from ..io.canvas import attempt
 from ..io.staging import staged_folder
 from ..io.writing import write_json, write_text
-from ..models.spline.interaction import NeedleTissueModel
+from ..mechanics.interaction import NeedleTissueModel
 from ..study import front_files
 from ..study.insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from ..study.objective import TUNABLES, Objective, errors_at_target
 from ..study.parallel import dask_executor, usable_processors
 from ..study.reference import Reference
 from ..study.tuning import GENERATIONS, POPULATION, ParetoFront, search
-from . import _limits, _options, _parameters
+from . import _limits, _options, _parameters, _tune_forces
 from ._progress import bar, track
 
-HELP = "tune the model's parameters to finite elements with NSGA-II"
+HELP = "tune the model's parameters to finite elements with NSGA-II, or what tissues resist to measured forces"
 EXAMPLES = """examples:
   sonospline tune --out tuned                      # three insertions at 25^3, a few minutes
   sonospline insert --parameters tuned/parameters.toml --out out
   sonospline tune --side 13 --population 8 --generations 5 --json --out tuned
+  sonospline tune --forces slow.csv fast.csv --out fitted      # friction, cutting and rupture force of tissues
   sonospline tune --dask tcp://10.0.0.1:8786 --population 96 --generations 100 --out tuned
 """
 _LIMITS: _limits.Limits = {
@@ -51,6 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--steps", type=int, default=2, metavar="N", help="equal steps whose errors count (2: half and full depth)"
     )
+    forces = parser.add_argument_group("or: what tissues resist, from measured forces")
+    forces.add_argument(
+        "--forces", nargs="+", type=Path, metavar="CURVE",
+        help="CSV of depth_mm, force_n and, where they are known, tissue (at that depth, undeformed) and speed_mm_s",
+    )  # fmt: skip
+    forces.add_argument("--materials", type=Path, metavar="FILE", help="TOML of what else the tissues are (assumed)")
     how = parser.add_argument_group("how it is searched")
     how.add_argument(
         "--population", type=int, default=POPULATION, metavar="N", help=f"designs a generation ({POPULATION})"
@@ -65,6 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its summary."""
     _limits.check(args, _LIMITS)
+    if args.forces:
+        return _tune_forces.run(args)
     workers = args.workers or usable_processors()
     require("pymoo")
     tissue = Tissue(Grid.unit_cube(args.side))
@@ -89,6 +98,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what a person wants to see first."""
+    if args.forces:
+        return _tune_forces.describe(summary, args)
     lines = [
         f"front         {len(summary['front'])} designs of {summary['evaluations']}, "
         f"{summary['search_seconds']:.0f} s, seed {summary['seed']}",

@@ -9,6 +9,7 @@ from typing import Annotated, Any, get_args
 from .._shown import shown
 from ..io.records import FieldError, Record, Text, about, read
 from ..simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
+from ..simulator.tissue_settings import TissueSettings
 
 LONGEST = 64 * 1024
 MOST_SEQ = 2**53
@@ -40,11 +41,12 @@ class CommandMessage(ClientMessage, frozen=True, kw_only=True, tag="command"):
     probe: ProbeCommand
     image: ImageSettings
     frozen: Annotated[bool, about("freeze")]
+    tissue: TissueSettings | None = None
 
     @property
     def command(self) -> Command:
         """The command in it."""
-        return Command(needle=self.needle, probe=self.probe, image=self.image, frozen=self.frozen)
+        return Command(needle=self.needle, probe=self.probe, image=self.image, tissue=self.tissue, frozen=self.frozen)
 
 
 class Drawn(ClientMessage, frozen=True, kw_only=True):

@@ -63,7 +63,7 @@ class LiveSession:
         FieldError
             One beyond the scene's limits.
         """
-        self.console.scene.knobs.check(command)
+        self.console.scene.check(command)
         self._runner.submit(command, seq)
 
     def act(self, action: Callable[[Console], object]) -> None:

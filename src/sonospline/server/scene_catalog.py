@@ -186,8 +186,12 @@ class DroppedError(Exception):
 
 
 def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
-    if wanted():
+    if not wanted():
+        return
+    try:
         preparation()
+    except Exception as error:  # said to the page at its first push; whoever brought the scene can know now
+        logger.warning("the scene cannot be made ready for a push: %s", error)
 
 
 def _console(scene: Scene, progress: Progress) -> Console:

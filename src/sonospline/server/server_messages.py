@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..ultrasound.probe import Probe
 
-PROTOCOL: Literal[2] = 2
+PROTOCOL: Literal[3] = 3
 
 Vector = tuple[float, float, float]
 
@@ -36,7 +36,7 @@ class Hello(ServerMessage, frozen=True, kw_only=True):
     """The first message."""
 
     version: str
-    protocol: Literal[2]
+    protocol: Literal[3]
     scenes: tuple[OfferedScene, ...]
     session: str
     """The key with which a page comes back to its session."""
@@ -76,6 +76,14 @@ class Choice(Struct, frozen=True, kw_only=True):
     name: str
 
 
+class OfferedModel(Choice, frozen=True, kw_only=True):
+    """A model of tissue that can be chosen, and what it can do."""
+
+    forces: bool
+    time: bool
+    """Whether seconds matter to it."""
+
+
 class ProbeOutline(Struct, frozen=True, kw_only=True):
     """What a probe looks like and sees, in its own frame: x right, y deep, origin in the middle of its face; mm."""
 
@@ -102,12 +110,14 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     name: str
     frame: SkinDirections
     box: Box
-    models: tuple[Choice, ...]
+    models: tuple[OfferedModel, ...]
     model: str
     probe: ProbeOutline
     needle: NeedleOutline
     targets: tuple[Choice, ...]
     target: str
+    breathes: bool
+    """Whether its file says how breathing moves it."""
     tolerance_mm: float
     """Tip to target that counts as on target."""
     knobs: tuple[SceneKnob, ...]
@@ -127,11 +137,11 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
         return cls(
             id=id, name=spec.name, frame=SkinDirections(right=right, depth=depth, out=out, skin_origin=origin),
             box=Box(low=low, high=high),
-            models=tuple(Choice(id=key, name=name) for key, name in models.titles().items()),
+            models=tuple(_offered(name) for name in models.names()),
             model=console.session.model,
             probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
             targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets),
-            target=console.session.target,
+            target=console.session.target, breathes=spec.breathing is not None,
             tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=console.command, start=scene.start,
         )  # fmt: skip
 
@@ -170,6 +180,12 @@ class Pong(ServerMessage, frozen=True, kw_only=True):
 
 
 Said = Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Refused | Notice | Pong
+
+
+def _offered(name: str) -> OfferedModel:
+    spec = models.spec(name)
+    able = spec.capabilities
+    return OfferedModel(id=name, name=spec.title, forces="forces" in able, time="time" in able)
 
 
 def outline(name: str, probe: Probe) -> ProbeOutline:

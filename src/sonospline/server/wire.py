@@ -11,6 +11,7 @@ from msgspec import Struct, field, to_builtins
 from numpy.typing import NDArray
 
 from ..simulator.command import Command
+from ..simulator.logged_event import LoggedEvent
 from ..simulator.readouts import Blocked, Readouts
 from .server_messages import Vector
 
@@ -69,10 +70,14 @@ class FrameHeader(Struct, frozen=True, kw_only=True):
     state: Command
     """What is in force."""
     blocked: Blocked | None
+    bone: str | None
+    """The bone that blocks the needle, as the label map calls it."""
     needle: NeedlePlace
     target: TargetPlace
     readouts: Readouts
     passed: PassSummary = field(name="pass")
+    log: tuple[LoggedEvent, ...]
+    """The last events, those of frames that were not sent, too."""
     model: str
     noise: int
     """The number of the frame that the library's renderer takes."""
@@ -121,7 +126,7 @@ def frame(shown: ConsoleFrame, *, number: int, seq: int, positions: NDArray[np.f
         frame=number, seq=seq, rows=rows, columns=columns, pixel=shown.image.plane.spacing_mm,
         image_to_reference=_numbers(shown.image_to_reference),
         probe_to_reference=_numbers(shown.probe_to_reference),
-        state=shown.command, blocked=shown.blocked,
+        state=shown.command, blocked=shown.blocked, bone=shown.bone,
         needle=NeedlePlace(
             entry=_numbers(shown.entry), tip=_numbers(shown.tip), direction=_numbers(shown.direction)
         ),
@@ -133,7 +138,7 @@ def frame(shown: ConsoleFrame, *, number: int, seq: int, positions: NDArray[np.f
             time_s=metrics.time_s, passes=metrics.passes, tip_path_mm=metrics.tip_path_mm,
             max_off_plane_mm=metrics.max_off_plane_mm,
         ),
-        model=shown.model, noise=shown.number,
+        log=shown.log, model=shown.model, noise=shown.number,
         server_ms=round(server_ms, 3), step_ms=round(shown.step_ms, 3), render_ms=round(shown.render_ms, 3),
         mesh=0 if positions is None else len(positions), grid=grid,
     )  # fmt: skip

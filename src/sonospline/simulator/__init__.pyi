@@ -6,6 +6,7 @@ from .console import Console as Console
 from .console_frame import ConsoleFrame as ConsoleFrame
 from .constraint import Constrained as Constrained
 from .knobs import Knobs as Knobs
+from .readouts import HubForce as HubForce
 from .readouts import Readouts as Readouts
 from .runner import Runner as Runner
 from .scene import Scene as Scene
@@ -13,7 +14,9 @@ from .scene_file import SceneError as SceneError
 from .scene_file import SceneFile as SceneFile
 from .scene_file import scene_schema as scene_schema
 from .scene_maker import make_scene as make_scene
+from .scene_motion import scene_motion as scene_motion
 from .session import Session as Session
 from .simulated_frame import SimulatedFrame as SimulatedFrame
 from .stamp import Stamp as Stamp
 from .subscription import Subscription as Subscription
+from .tissue_settings import TissueSettings as TissueSettings

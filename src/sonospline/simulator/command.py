@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from ..io.records import Record
 from .knobs import Knob, Travel, always
+from .tissue_settings import TissueSettings
 
 
 class NeedleCommand(Record, frozen=True, kw_only=True):
@@ -158,6 +159,8 @@ class Command(Record, frozen=True, kw_only=True):
     needle: NeedleCommand
     probe: ProbeCommand
     image: ImageSettings
+    tissue: TissueSettings | None = None
+    """By default as the scene starts."""
     frozen: bool = False
 
     def with_needle(self, **changes: float) -> Self:
@@ -171,3 +174,7 @@ class Command(Record, frozen=True, kw_only=True):
     def with_image(self, **changes: float) -> Self:
         """Return the command with some of the image's numbers changed."""
         return replace(self, image=replace(self.image, **changes))
+
+    def with_tissue(self, **changes: str) -> Self:
+        """Return the command with some of the tissue's switches changed."""
+        return replace(self, tissue=replace(self.tissue or TissueSettings(), **changes))

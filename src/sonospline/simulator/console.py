@@ -15,6 +15,8 @@ from ..models.insertion import NEEDLE
 from .command import Command, NeedleCommand, ProbeCommand
 from .console_frame import ConsoleFrame
 from .constraint import Constrained, constrain
+from .event_log import logged
+from .logged_event import Log
 from .pass_metrics import PassMetrics
 from .readouts import Readouts
 from .scene import Scene
@@ -35,23 +37,25 @@ class _Standing:
     """Metrics before each pass."""
     entered: NeedleCommand | None = None
     """How the needle that is inside went in."""
+    log: Log = ()
 
     def moved(self, frame: ConsoleFrame, now: float) -> _Standing:
         """Return what a frame leads to."""
         needle = frame.command.needle
+        log = logged(self.log, frame.events, needle.depth)
         if needle.depth == 0:
-            return replace(self, command=frame.command, entered=None)
+            return replace(self, command=frame.command, entered=None, log=log)
         first, metrics, passes = self.entered is None, self.metrics, self.passes
         if first:
             metrics, passes = metrics.entered(now), (*passes, metrics)
         metrics = metrics.moved(frame.tip, frame.readouts.out_of_plane, now)
-        return _Standing(frame.command, metrics, passes, needle if first else self.entered)
+        return _Standing(frame.command, metrics, passes, needle if first else self.entered, log)
 
     def without_pass(self) -> _Standing:
         """Return it with the needle out and the present or last pass forgotten."""
         command = structs.replace(self.command.with_needle(depth=0.0), frozen=False)
         *before, metrics = self.passes or (self.metrics,)
-        return _Standing(command, metrics, tuple(before))
+        return _Standing(command, metrics, tuple(before), log=self.log)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +142,8 @@ class Console:
         ValueError
             A command beyond the scene's limits; nothing changes.
         """
-        command = self.command if command is None else command
-        self.scene.knobs.check(command)
+        command = self._whole(self.command if command is None else command)
+        self.scene.check(command)
         if command.frozen and self.last is not None:
             return self._freeze(self.last)
         constrained = self.constrain(command)
@@ -149,6 +153,7 @@ class Console:
             needles={} if needle is None else {NEEDLE: needle},
             probe_to_reference=skin.probe_to_reference(allowed.probe, self.scene.spec.probe.press_mm),
             settings=allowed.image,
+            tissue=allowed.tissue,
             dt=dt,
         )
         now, standing = self._clock(), self._standing
@@ -157,7 +162,7 @@ class Console:
         shown = self._shown(frame, constrained)
         standing = standing.moved(shown, now)
         self._standing, self._paused_at = standing, None
-        self.last = replace(shown, metrics=standing.metrics)
+        self.last = replace(shown, metrics=standing.metrics, log=standing.log)
         return self.last
 
     def settle(self, command: Command | None = None, *, most: int = 100) -> ConsoleFrame:
@@ -171,7 +176,8 @@ class Console:
 
     def constrain(self, command: Command) -> Constrained:
         """Return a command as far as needle and tissue allow it."""
-        return constrain(self.scene, command, self._standing.entered)
+        field = None if self.session.last is None else self.session.last.field
+        return constrain(self.scene, command, self._standing.entered, self.command.needle, field)
 
     def needle_command(self, needle: Needle) -> NeedleCommand:
         """Return the numbers of a needle in the world.
@@ -204,7 +210,7 @@ class Console:
     def reset(self) -> None:
         """Put needle, probe, image and metrics back to the scene's start."""
         self._reset = _Reset(self._standing, self.session.last, self._clock())
-        self._standing = _Standing(self.scene.start)
+        self._standing = _Standing(self.scene.start, log=self._standing.log)
 
     def restore(self) -> None:
         """Undo a reset; the tissue is where it was before.
@@ -235,14 +241,20 @@ class Console:
             tried = self.constrain(self.command.with_needle(depth=1.0)).command.needle
             self.session.warm_up(self.scene.frame.needle(tried))
 
+    def _whole(self, command: Command) -> Command:
+        """A command that says what tissue does in time."""
+        return command if command.tissue else structs.replace(command, tissue=self.scene.start.tissue)
+
     def _shown(self, frame: SimulatedFrame, constrained: Constrained) -> ConsoleFrame:
         skin, command = self.scene.frame, constrained.command
         entry, direction = skin.entry(command.needle), skin.direction(command.needle)
         readouts = frame.readouts if frame.needles else _from_skin(frame, entry)
         exact = replace(readouts, depth=command.needle.depth)
         return ConsoleFrame(
-            **vars(frame) | {"readouts": exact}, command=command, blocked=constrained.blocked, entry=entry,
+            **vars(frame) | {"readouts": exact}, command=command, blocked=constrained.blocked,
+            bone=constrained.bone, entry=entry,
             tip=entry + command.needle.depth * direction, direction=direction, metrics=self._standing.metrics,
+            log=self._standing.log,
         )  # fmt: skip
 
     def _freeze(self, last: ConsoleFrame) -> ConsoleFrame:

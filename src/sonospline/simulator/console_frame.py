@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .command import Command
+from .logged_event import Log
 from .pass_metrics import PassMetrics
 from .readouts import Blocked
 from .simulated_frame import SimulatedFrame
@@ -22,10 +23,14 @@ class ConsoleFrame(SimulatedFrame):
     command: Command
     """The command in force: what was asked for, as far as the tissue allows it."""
     blocked: Blocked | None
-    """Why the needle is not where it was asked to be."""
+    """Why the needle is not where it was asked to be, or goes no further."""
+    bone: str | None
+    """The bone that blocks it, as the label map calls it."""
     entry: Array
     """Where the needle meets the skin, or would."""
     tip: Array
     direction: Array
     metrics: PassMetrics
     """Of the present pass, or the last one."""
+    log: Log
+    """The last events in words, of frames that nobody saw, too."""

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from ..fields.field import Field
+from .bone_contact import pushed, turned
 from .command import Command, NeedleCommand
 from .readouts import Blocked
 from .scene import Scene
@@ -25,9 +27,17 @@ class Constrained(NamedTuple):
 
     command: Command
     blocked: Blocked | None
+    bone: str | None = None
+    """Which, where one is why."""
 
 
-def constrain(scene: Scene, command: Command, entered: NeedleCommand | None) -> Constrained:
+def constrain(
+    scene: Scene,
+    command: Command,
+    entered: NeedleCommand | None,
+    before: NeedleCommand | None = None,
+    field: Field | None = None,
+) -> Constrained:
     """Return a command as far as needle and tissue allow it.
 
     Parameters
@@ -38,22 +48,34 @@ def constrain(scene: Scene, command: Command, entered: NeedleCommand | None) -> 
         What the hand asks for.
     entered : NeedleCommand or None
         How the needle that is inside went in.
+    before : NeedleCommand, optional
+        Where it is now: it turns from there, as far as no bone is in the way.
+    field : Field, optional
+        How the tissue has moved, and loose fragments of bone with it.
     """
     needle = command.needle
     if needle.depth < _OUT_MM:
         return Constrained(command.with_needle(depth=0.0), None)
     blocked: Blocked | None = None
+    bone: str | None = None
     if entered is not None:
         held = _held(needle, entered)
         blocked = None if held == needle else "needle inside"
         needle = held
+        if before is not None and scene.has_bone:
+            needle, bone = turned(scene, before, needle, field)
     frame, length = scene.frame, scene.spec.needle.length_mm
     room = room_along(scene.tissue.grid, frame.entry(needle), frame.direction(needle)) - _INSIDE_MM
     if needle.depth > room:
         needle, blocked = replace(needle, depth=room if room > _OUT_MM else 0.0), "leaves the tissue"
     elif needle.depth >= length:
         needle, blocked = replace(needle, depth=length), "end of needle"
-    return Constrained(replace(command, needle=needle), blocked)
+    if scene.has_bone:
+        needle, ahead = pushed(scene, needle, field)
+        bone = ahead or bone
+    if needle.depth < _OUT_MM:
+        needle = replace(needle, depth=0.0)
+    return Constrained(replace(command, needle=needle), "bone" if bone else blocked, bone)
 
 
 def _held(command: NeedleCommand, entered: NeedleCommand) -> NeedleCommand:

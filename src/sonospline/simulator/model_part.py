@@ -23,9 +23,14 @@ def _key(name: str, options: list[Option]) -> tuple[str, Any, Any]:
     return name, described, option.default
 
 
+def _safe(option: Option) -> bool:
+    """Whether a scene file, which strangers may send, may give an option: a number in a range, or one of its words."""
+    return option.live is not None or option.kind == "choice"
+
+
 def _model_part() -> Any:
     options: dict[str, list[Option]] = {}
-    for option in (option for name in registry.names() for option in registry.spec(name).options if option.live):
+    for option in (option for name in registry.names() for option in registry.spec(name).options if _safe(option)):
         options.setdefault(option.name, []).append(option)
     keys: list[Any] = [
         ("use", Annotated[Literal[registry.names()], about("the model at the start")], "elastic"),
@@ -37,11 +42,14 @@ def _model_part() -> Any:
 
 
 if TYPE_CHECKING:
+    from .tissue_settings import Contact, Relaxation
 
     class ModelPart(Record, frozen=True, kw_only=True):
         """How the tissue answers: the model, and every option of the registry's models that scenes may give."""
 
         use: str = "elastic"
         poissons_ratio: float = 0.45
+        contact: Contact = "pose"
+        relaxation: Relaxation = "none"
 else:
     ModelPart = _model_part()

@@ -12,25 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 from .._shown import shown
 from ..geometry import pose
 from ..geometry.needle import Needle
+from ..geometry.needles import named
 from .command import ImageSettings
 from .scene import Scene
+from .tissue_settings import TissueSettings
 
 Array = NDArray[np.float64]
 Needles = Mapping[str, Needle]
 
 
 class Poses(NamedTuple):
-    """Needles by name, the probe's pose and the scanner's settings."""
+    """Needles by name, the probe's pose, and the settings of scanner and tissue."""
 
     needles: Needles
     probe_to_reference: Array
     settings: ImageSettings
+    tissue: TissueSettings
 
     @classmethod
     def at_start(cls, scene: Scene) -> Poses:
         """Return those a scene starts with: no needle, the probe at rest."""
         place = scene.frame.probe_to_reference(scene.start.probe, scene.spec.probe.press_mm)
-        return cls({}, place, scene.start.image)
+        return cls({}, place, scene.start.image, scene.start.tissue or TissueSettings())
 
     def changed(
         self,
@@ -38,18 +41,21 @@ class Poses(NamedTuple):
         needles: Needles | None,
         probe_to_reference: ArrayLike | None,
         settings: ImageSettings | None,
+        tissue: TissueSettings | None,
     ) -> Poses:
         """Return them with what is given changed.
 
         Raises
         ------
         ValueError
-            Needles without names, a pose that is not rigid, or settings beyond the scene's.
+            Needles without names, a pose that is not rigid, settings beyond the scene's, or breathing where the
+            scene has no part for it.
         """
         return Poses(
             self.needles if needles is None else _named(needles),
             _moved(self.probe_to_reference, probe_to_reference),
             self.settings if settings is None else _within(scene, settings),
+            self.tissue if tissue is None else _able(scene, tissue),
         )
 
     @property
@@ -67,9 +73,10 @@ def same(a: Needles, b: Needles) -> bool:
 
 
 def _named(needles: Needles) -> Needles:
-    """A copy of needles by name; the model checks what each of them is."""
+    """A copy of needles by name, in their order."""
     if not isinstance(needles, Mapping):
         raise ValueError(f'needles = {shown(needles)} has no names; give {{"needle": Needle(entry, tip)}}')
+    named(needles)
     return dict(needles)
 
 
@@ -86,5 +93,12 @@ def _moved(place: Array, to: ArrayLike | None) -> Array:
 def _within(scene: Scene, settings: ImageSettings) -> ImageSettings:
     if not isinstance(settings, ImageSettings):
         raise ValueError(f"settings = {shown(settings)} is not ImageSettings; change some of scene.start.image")
-    scene.knobs.check(replace(scene.start, image=settings))
+    scene.check(replace(scene.start, image=settings))
     return settings
+
+
+def _able(scene: Scene, tissue: TissueSettings) -> TissueSettings:
+    if not isinstance(tissue, TissueSettings):
+        raise ValueError(f"tissue = {shown(tissue)} is not TissueSettings; make one, e.g. TissueSettings()")
+    scene.check(replace(scene.start, tissue=tissue))
+    return tissue

@@ -3,15 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-Blocked = Literal["end of needle", "leaves the tissue", "needle inside"]
+import numpy as np
+
+if TYPE_CHECKING:  # the server listens before what computes is loaded
+    from ..geometry.needle import Needle
+    from ..models.contract import NeedleForce
+
+Blocked = Literal["end of needle", "leaves the tissue", "needle inside", "bone"]
 """Why a needle is not where it was asked to be."""
+
+
+@dataclass(frozen=True)
+class HubForce:
+    """What the hand that holds a needle's hub feels of it.
+
+    Parameters
+    ----------
+    axial_n : float
+        Along the needle, N; pushing is plus.
+    lateral_n : float
+        Across it, N.
+    moment_nmm : float
+        About its hub, N mm.
+    """
+
+    axial_n: float = 0.0
+    lateral_n: float = 0.0
+    moment_nmm: float = 0.0
+
+    @classmethod
+    def of(cls, force: NeedleForce, needle: Needle, length_mm: float) -> HubForce:
+        """Return it of a needle as long as that from hub to tip."""
+        moment = force.at(-length_mm * needle.direction)
+        return cls(force.axial_n, force.lateral_n, float(np.linalg.norm(moment)))
+
+    def __repr__(self) -> str:
+        return f"HubForce({self.axial_n:.3g} N, {self.lateral_n:.3g} N across, {self.moment_nmm:.3g} N mm)"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Readouts:
-    """The numbers beside the picture, in mm; of the needle that is shown.
+    """The numbers beside the picture, in mm where nothing else is said; of the needle that is shown.
 
     While none is in, a console's are from where it would enter; a session's own that need a tip are NaN.
     """
@@ -31,4 +65,8 @@ class Readouts:
     folds: bool
     """Whether the field turns tissue inside out anywhere near the needle."""
     estimate: float | None
-    """Error of the field relative to itself, where the model knows it."""
+    """Error of the needles' field relative to itself, where the model knows it."""
+    excursion: float
+    """Of the diaphragm towards the feet, as somebody breathes."""
+    hub: HubForce | None
+    """What the hand feels; None where the model knows no forces."""

@@ -229,7 +229,7 @@ class Runner:
                 continue
             if submitted is not None:
                 self._seq = submitted.seq
-            self._restless = not frame.settled and not frame.command.frozen
+            self._restless = (frame.moves or not frame.settled) and not frame.command.frozen
             stamp = Stamp(self._seq, begun if submitted is None else submitted.since)
             for subscription in self._subscriptions:
                 subscription.offer(frame, stamp)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..fields.field import Field
 from ..geometry.tissue import Tissue
+from ..io.records import FieldError
 from ..mechanics.tissue_map import TissueMap
 from ..ultrasound.probe import Probe
 from .command import Command
@@ -44,6 +45,13 @@ class Scene:
     prepare: Callable[[], None]
     """Makes what the first picture did not need and others will; from any thread."""
 
+    def check(self, command: Command) -> None:
+        """Raise FieldError for what of a command is beyond the scene: a number, or breathing it has no part for."""
+        self.knobs.check(command)
+        if command.tissue is not None and command.tissue.breathing != "none" and self.spec.breathing is None:
+            problem = f"= {command.tissue.breathing!r} is not for this scene; give its file a [breathing] part"
+            raise FieldError(("tissue", "breathing"), problem)
+
     def deformed(self, field: Field, *, grid: bool) -> NDArray[np.float32]:
         """Return where a field takes the vertices of all meshes, with or without the grid lines, (m, 3)."""
         count = None if grid else -len(self.meshes[-1].points)
@@ -59,6 +67,11 @@ class Scene:
     def _vertices(self) -> Array:
         """Of all meshes, those of the grid lines last."""
         return np.concatenate([mesh.points for mesh in self.meshes])
+
+    @property
+    def has_bone(self) -> bool:
+        """Whether anything in it stops a needle."""
+        return self.tissues is not None and self.tissues.has_bone
 
     @property
     def box(self) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from ..geometry.volume import Volume
 from ..io.labels import labels_named, names_of, read_labels, warn_of_labels
 from ..io.volumes import read_volume
 from ..mechanics.material_table import MaterialTable, read_label_names
+from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
@@ -51,7 +52,16 @@ class SceneContent:
 def read_content(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
     """Return what a scene's source holds; its files are seen from a folder."""
     read = {"labels": _labels, "volume": _volume}.get(spec.tissue.source, _generated)
-    return read(spec, folder, progress)
+    return _with_membranes(read(spec, folder, progress), spec)
+
+
+def _with_membranes(content: SceneContent, spec: SceneFile) -> SceneContent:
+    if not spec.membranes:
+        return content
+    if content.tissues is None:
+        raise ValueError("membranes are between labelled tissues, and this scene has none; leave them out")
+    membranes = tuple(Membrane(m.name, m.around, m.rupture_force_n, m.rate, m.source) for m in spec.membranes)
+    return replace(content, tissues=replace(content.tissues, membranes=membranes))
 
 
 def _generated(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypeVar
 
 from ..io.files import read_text
 from ..io.records import LONGEST_LIST, FieldError, Record, Text, about, read, schema
@@ -14,7 +14,9 @@ from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.probe import PROBES
 from .model_part import ModelPart
 from .shipped import SHIPPED
+from .tissue_settings import NO_TRACK
 
+T = TypeVar("T")
 Triple = tuple[float, float, float]
 Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
@@ -87,6 +89,20 @@ class ProbePart(Record, frozen=True, kw_only=True):
     slide: Annotated[float, about("where it starts, mm to the right of its place", low=-300.0, high=300.0)] = 0.0
 
 
+class BreathingPart(Record, frozen=True, kw_only=True):
+    """What breathing moves, and whether somebody breathes at the start."""
+
+    cranial_face: Annotated[Face, about("the face towards the head, which the diaphragm presses on; not the skin")]
+    organ: Annotated[
+        tuple[Text, ...],
+        about("names of the labels it is measured on; * stands for anything", longest=LONGEST_LIST),
+    ]
+    ratio: Annotated[float, about("excursion of the organ over that of the diaphragm", low=0.05, high=2.0)] = 0.65
+    breathes: Annotated[bool, about("whether somebody breathes at the start; for models that know time")] = False
+    depth: Annotated[float, about("of the breaths, over published ones", low=0.05, high=2.0)] = 1.0
+    seed: Annotated[int, about("of the periods and heights of the breaths", low=0, high=2**31 - 1)] = 0
+
+
 class TargetPart(Record, frozen=True, kw_only=True):
     """A place to reach."""
 
@@ -117,6 +133,16 @@ class SurfacePart(Record, frozen=True, kw_only=True):
             raise FieldError(("colour",), f"= {self.colour!r} is no colour; give #rrggbb")
 
 
+class MembranePart(Record, frozen=True, kw_only=True):
+    """A wall between tissues that a tip has to break; for models whose needles leave tracks."""
+
+    name: Annotated[Text, about("what to call it")]
+    around: Annotated[tuple[Text, ...], about("names of the tissues inside it; * is anything", longest=LONGEST_LIST)]
+    rupture_force_n: Annotated[float, about("force at the tip under which it breaks", low=1e-3, high=100.0)]
+    rate: Annotated[float, about("part of it more for a tip e times as fast", low=-0.9, high=0.9)] = 0.0
+    source: Annotated[Text, about("where these come from")] = "assumed"
+
+
 class SceneFile(Record, frozen=True, kw_only=True):
     """A scene, as it is written.
 
@@ -137,17 +163,28 @@ class SceneFile(Record, frozen=True, kw_only=True):
     model: Annotated[ModelPart, about("how it answers")] = ModelPart()
     needle: Annotated[NeedlePart, about("the needle")] = NeedlePart()
     probe: Annotated[ProbePart, about("the probe")] = ProbePart()
+    breathing: Annotated[BreathingPart | None, about("what breathing moves; by default nothing")] = None
     targets: Annotated[
         tuple[TargetPart, ...], about("places to reach; the phantoms have their own", longest=LONGEST_LIST)
     ] = ()
     display: Annotated[DisplayPart, about("grey levels and tolerance")] = DisplayPart()
     surfaces: Annotated[tuple[SurfacePart, ...], about("organs of the 3-D view", longest=LONGEST_LIST)] = ()
+    membranes: Annotated[
+        tuple[MembranePart, ...], about("walls that a tip has to break, where contact is a track", longest=LONGEST_LIST)
+    ] = ()
 
     def __post_init__(self) -> None:
         if self.tissue.source in ("labels", "volume") and self.tissue.file is None:
             raise FieldError(("tissue", "file"), f"is missing; give the file of source = {self.tissue.source!r}")
         if (self.tissue.low is None) != (self.tissue.high is None):
             raise FieldError(("tissue", "low"), "and high belong together; give both corners or neither")
+        if self.model.relaxation == "tissue" and self.model.contact == "pose":
+            raise FieldError(("model", "relaxation"), NO_TRACK)
+        if self.breathing is not None and self.breathing.cranial_face == self.tissue.entry_face:
+            raise FieldError(
+                ("breathing", "cranial_face"),
+                f"= {self.tissue.entry_face!r} is the skin; give the face to the head",
+            )
 
     @classmethod
     def parse(cls, text: str, *, file: str = "scene") -> SceneFile:
@@ -158,14 +195,7 @@ class SceneFile(Record, frozen=True, kw_only=True):
         SceneError
             Not TOML, an unknown or missing key, or a value out of range; it knows the line.
         """
-        if len(text) > LONGEST:
-            raise SceneError(file, None, f"has {len(text)} characters; give at most {LONGEST}")
-        try:
-            return read(cls, loads(text))
-        except TomlError as error:
-            raise SceneError(file, error.line, f"is not TOML: {error.problem}") from None
-        except FieldError as error:
-            raise SceneError(file, line_of(text, error.path), str(error)) from None
+        return parsed(cls, text, file)
 
     @classmethod
     def read(cls, path: str | Path) -> SceneFile:
@@ -178,6 +208,24 @@ class SceneFile(Record, frozen=True, kw_only=True):
         if name not in SHIPPED:
             raise ValueError(f"scene = {name!r} is not known; choose one of {', '.join(SHIPPED)}, or give a .toml file")
         return cls.parse(files(__package__).joinpath(f"scenes/{name}.toml").read_text(), file=f"{name}.toml")
+
+
+def parsed(kind: type[T], text: str, file: str) -> T:
+    """Return the record that a TOML text describes.
+
+    Raises
+    ------
+    SceneError
+        Not TOML, an unknown or missing key, or a value out of range; it knows the line.
+    """
+    if len(text) > LONGEST:
+        raise SceneError(file, None, f"has {len(text)} characters; give at most {LONGEST}")
+    try:
+        return read(kind, loads(text))
+    except TomlError as error:
+        raise SceneError(file, error.line, f"is not TOML: {error.problem}") from None
+    except FieldError as error:
+        raise SceneError(file, line_of(text, error.path), str(error)) from None
 
 
 class SceneError(ValueError):

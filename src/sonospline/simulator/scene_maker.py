@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from ..geometry.tissue import Tissue
 from ..ultrasound.probe import PROBES, Probe
@@ -16,6 +17,7 @@ from .scene_content import Progress, read_content
 from .scene_file import SceneFile
 from .scene_meshes import scene_meshes
 from .skin_frame import SkinFrame
+from .tissue_settings import TissueSettings
 
 
 def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, progress: Progress | None = None) -> Scene:
@@ -66,7 +68,8 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
     probe = _probe(spec)
     along, across = frame.sides(content.grid)
     circumstances = Circumstances(spec, probe, along, across, synthetic=content.phantom is not None)
-    knobs, first = Knobs.of(Command, circumstances), start(Command, circumstances)
+    knobs = Knobs.of(Command, circumstances)
+    first = replace(start(Command, circumstances), tissue=_tissue_settings(spec))
     knobs.check(first)
     progress(0.9)
     return Scene(
@@ -74,6 +77,13 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
         start=first, knobs=knobs, draw=partial(scene_meshes, spec, content, frame),
         prepare=_nothing if content.phantom is None else content.phantom.prepare,
     )  # fmt: skip
+
+
+def _tissue_settings(spec: SceneFile) -> TissueSettings:
+    breathes = spec.breathing is not None and spec.breathing.breathes
+    return TissueSettings(
+        contact=spec.model.contact, relaxation=spec.model.relaxation, breathing="free" if breathes else "none"
+    )
 
 
 def _probe(spec: SceneFile) -> Probe:

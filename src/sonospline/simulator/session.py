@@ -12,31 +12,45 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._shown import shown
+from ..contact.events import Touched
+from ..fields.carried_field import CarriedField
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
+from ..mechanics.bone_stop import Blocked, stopped
 from ..models import registry
 from ..models.contract import Response, TissueModel
 from ..models.insertion import NEEDLE
+from .breath import Breath
 from .command import ImageSettings
 from .fold_check import folds
 from .imaging import Imager, out_of_plane, tuned
+from .moving_tissue import MovingTissue, composed, needles_at_rest
 from .poses import Needles, Poses, same
-from .readouts import Readouts
+from .readouts import HubForce, Readouts
 from .scene import Scene
 from .scene_file import SceneFile
 from .scene_maker import make_scene
 from .scene_model import scene_model
 from .simulated_frame import SimulatedFrame
+from .tissue_settings import TissueSettings
 
 Array = NDArray[np.float64]
 
 
 class _Answer(NamedTuple):
-    """What the tissue answered, and as the picture shows it."""
+    """What the tissue answered to needles, and as the picture shows it."""
 
     response: Response | None
     field: GridField
     folds: bool
+
+
+class _Kind(NamedTuple):
+    """Which of the scene's models answers."""
+
+    name: str
+    contact: str
+    relaxation: str
 
 
 class Session:
@@ -82,7 +96,8 @@ class Session:
         grid = self.scene.tissue.grid
         self.rest = GridField(grid, np.zeros((*grid.shape, 3), np.float32), error_estimate=0.0)
         """The field while no needle is in."""
-        self._models: dict[str, TissueModel] = {}
+        self._models: dict[_Kind, TissueModel] = {}
+        self._moving: MovingTissue | None = None
         self._making = threading.Lock()
         self._imager: Imager | None = None
 
@@ -98,11 +113,13 @@ class Session:
         needles: Needles | None = None,
         probe_to_reference: ArrayLike | None = None,
         settings: ImageSettings | None = None,
+        tissue: TissueSettings | None = None,
         dt: float = 0.0,
     ) -> SimulatedFrame:
         """Bring the tissue to needles at their poses, some time later, and return the picture of it.
 
-        What is not given stays as it is.
+        What is not given stays as it is. A needle that meets bone ends there, whatever the model knows of bone: the
+        frame's events say so.
 
         Parameters
         ----------
@@ -112,31 +129,43 @@ class Session:
             Pose of the probe: rigid, origin in the middle of its face, x to the right in the image, y deep.
         settings : ImageSettings, optional
             Gain, depth, frequency and focus.
+        tissue : TissueSettings, optional
+            Whether needles leave tracks, whether tissue relaxes and whether somebody breathes. Models without
+            ``"time"`` heed none of it; who chooses another contact or relaxation begins with the needle put in anew.
         dt : float, default: 0
             Seconds since the last step; zero asks for the quasi-static answer.
 
         Raises
         ------
         ValueError
-            A needle outside the tissue, a pose that is not rigid, settings beyond the scene's, a dt
-            below zero or not finite, or several needles where the model knows one. Whatever a step
-            raises, nothing has changed.
+            A needle outside the tissue or with its entry in bone, a pose that is not rigid, settings beyond the
+            scene's, breathing in a scene that has no part for it, a dt below zero or not finite, or several needles
+            where the model knows one. Whatever a step raises, nothing has changed.
         """
         last, dt = self.last, _validate.number("dt", dt)
-        poses = self._in_force().changed(self.scene, needles, probe_to_reference, settings)
-        number = 0 if last is None else last.number + 1
+        poses = self._in_force().changed(self.scene, needles, probe_to_reference, settings, tissue)
+        inside, rests = stopped(poses.needles, self.scene.tissues, None if last is None else last.field)
+        poses = poses._replace(needles=dict(inside))
+        number, now = (0, dt) if last is None else (last.number + 1, last.time_s + dt)
         began = time.perf_counter()
-        answer = self._answer(poses.needles, dt)
+        breath = self._breath(poses.tissue, now)
+        excursion = 0.0 if breath is None else breath.excursion_mm(now)
+        background = None if breath is None else self._breathing().at(excursion)
+        undeformed = needles_at_rest(background, poses.needles)
+        answer = self._answer(undeformed, poses.tissue, dt)
+        field = composed(answer.field, background)
         answered = time.perf_counter()
         imager = self._aimed(poses)
-        image = imager.render(answer.field, poses.needle, frame=number, gain_db=poses.settings.gain)
+        image = imager.render(field, poses.needle, frame=number, gain_db=poses.settings.gain)
         rendered = time.perf_counter()
-        rest, moved = self.scene.targets[self.target], self._target_moved(answer)
+        rest, moved = self.scene.targets[self.target], self._target_moved(answer, background)
         self.last = SimulatedFrame(
-            number=number, image=image, probe=imager.probe, probe_to_reference=imager.probe_to_reference,
-            settings=poses.settings, needles=poses.needles, model=self.model, response=answer.response,
-            field=answer.field, target=self.target, target_rest=rest, target_now=rest + moved,
-            readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer),
+            number=number, time_s=now, dt=dt, image=image, probe=imager.probe,
+            probe_to_reference=imager.probe_to_reference,
+            settings=poses.settings, tissue=poses.tissue, needles=poses.needles, undeformed=undeformed,
+            model=self.model, response=answer.response, events=_events(rests, answer.response, last), field=field,
+            by_needles=answer.field, breath=breath, target=self.target, target_rest=rest, target_now=rest + moved,
+            readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer, excursion),
             step_ms=1e3 * (answered - began), render_ms=1e3 * (rendered - answered),
         )  # fmt: skip
         self._imager = imager
@@ -148,10 +177,11 @@ class Session:
         needles: Needles | None = None,
         probe_to_reference: ArrayLike | None = None,
         settings: ImageSettings | None = None,
+        tissue: TissueSettings | None = None,
         most: int = 100,
     ) -> SimulatedFrame:
-        """Step until the tissue has come to rest, and return the last frame."""
-        frame = self.step(needles=needles, probe_to_reference=probe_to_reference, settings=settings)
+        """Step until the tissue has come to rest, with no time passing, and return the last frame."""
+        frame = self.step(needles=needles, probe_to_reference=probe_to_reference, settings=settings, tissue=tissue)
         for _ in range(most):
             if frame.settled:
                 break
@@ -182,42 +212,70 @@ class Session:
         needle : Needle, optional
             One to try.
         """
-        name, last = self.model, self.last
-        if (last is not None and last.needles) or name in self._models:
+        last, kind = self.last, self._kind(self.model, self._in_force().tissue)
+        if (last is not None and last.needles) or kind in self._models:
             return
         with self._making:
-            if name not in self._models:
-                model = scene_model(self.scene, name)
+            if kind not in self._models:
+                model = self._made(kind)
                 if needle is not None:
                     model.step(model.rest, {NEEDLE: needle})
-                self._models[name] = model
+                self._models[kind] = model
 
     def _in_force(self) -> Poses:
         last = self.last
         if last is None:
             return Poses.at_start(self.scene)
-        return Poses(last.needles, last.probe_to_reference, last.settings)
+        return Poses(last.needles, last.probe_to_reference, last.settings, last.tissue)
 
-    def _answer(self, needles: Needles, dt: float) -> _Answer:
+    def _answer(self, needles: Needles, tissue: TissueSettings, dt: float) -> _Answer:
         """Let the tissue answer to needles; where it already has, and has come to rest, nothing is done."""
-        last = self.last if self.last is not None and self.last.model == self.model else None
+        kind, last = self._kind(self.model, tissue), self.last
+        if last is not None and self._kind(last.model, last.tissue) != kind:
+            last = None
         before = None if last is None else last.response
         if before is None and not needles:
             return _Answer(None, self.rest, folds=False)
-        if last is not None and before is not None and before.settled and same(last.needles, needles):
-            return _Answer(before, last.field, last.readouts.folds)
-        model = self._model(self.model)
+        if last is not None and before is not None and before.settled and same(last.undeformed, needles):
+            return _Answer(before, last.by_needles, last.readouts.folds)
+        model = self._model(kind)
         response = model.step(model.rest if before is None else before.state, needles, dt)
         if response.settled and not needles:
             return _Answer(None, self.rest, folds=False)
         field = GridField.of(response.field)
         return _Answer(response, field, any(folds(field, needle) for needle in needles.values()))
 
-    def _model(self, name: str) -> TissueModel:
+    def _kind(self, name: str, tissue: TissueSettings) -> _Kind:
+        return _Kind(name, tissue.contact, tissue.relaxation) if knows_time(name) else _Kind(name, "pose", "none")
+
+    def _model(self, kind: _Kind) -> TissueModel:
         with self._making:
-            if name not in self._models:
-                self._models[name] = scene_model(self.scene, name)
-            return self._models[name]
+            if kind not in self._models:
+                self._models[kind] = self._made(kind)
+            return self._models[kind]
+
+    def _made(self, kind: _Kind) -> TissueModel:
+        return scene_model(self.scene, kind.name, contact=kind.contact, relaxation=kind.relaxation)
+
+    def _breath(self, tissue: TissueSettings, now: float) -> Breath | None:
+        """The breath in force, as the switches have it go on; nobody breathes under models without time."""
+        if not knows_time(self.model):
+            return None
+        breath = None if self.last is None else self.last.breath
+        if breath is None and tissue.breathing != "none":
+            breath = Breath(self._breathing().breathing, now)
+        return None if breath is None else breath.asked(tissue.breathing, now)
+
+    def _breathing(self) -> MovingTissue:
+        """How the scene's tissue breathes, made when first asked for, on the nodes of its elastic model."""
+        if self._moving is None:
+            from ..models.elastic.model import ElasticModel
+
+            models = [model for model in self._models.values() if isinstance(model, ElasticModel)]
+            model = models[0] if models else self._model(_Kind("elastic", "pose", "none"))
+            assert isinstance(model, ElasticModel)
+            self._moving = MovingTissue.of(self.scene, model.solver)
+        return self._moving
 
     def _aimed(self, poses: Poses) -> Imager:
         imager, place = self._imager, poses.probe_to_reference
@@ -226,13 +284,14 @@ class Session:
             return self.scene.see(probe, place)
         return imager if imager.is_aimed(probe, place) else imager.aimed(probe, place)
 
-    def _target_moved(self, answer: _Answer) -> Array:
-        if answer.response is None:
-            return np.zeros(3)
-        return answer.response.field.displacement(self.scene.targets[self.target][None])[0]
+    def _target_moved(self, answer: _Answer, background: GridField | None) -> Array:
+        """By the model's own field, and then by the background's."""
+        by_needles = answer.field if answer.response is None else answer.response.field
+        field = by_needles if background is None else CarriedField(by_needles, background)
+        return field.displacement(self.scene.targets[self.target][None])[0]
 
     def _readouts(
-        self, needle: Needle | None, target: Array, moved: Array, imager: Imager, answer: _Answer
+        self, needle: Needle | None, target: Array, moved: Array, imager: Imager, answer: _Answer, excursion: float
     ) -> Readouts:
         away = half_slice = to_target = float("nan")
         if needle is not None:
@@ -241,8 +300,32 @@ class Session:
         return Readouts(
             tip_to_target=to_target, depth=0.0 if needle is None else needle.depth, moved=float(np.linalg.norm(moved)),
             moved_parts=self.scene.frame.parts(moved), out_of_plane=away, half_slice=half_slice, folds=answer.folds,
-            estimate=answer.field.error_estimate,
+            estimate=answer.field.error_estimate, excursion=excursion, hub=self._felt(answer.response),
         )  # fmt: skip
+
+    def _felt(self, response: Response | None) -> HubForce | None:
+        """What the hand feels of the needle that is shown."""
+        if "forces" not in registry.spec(self.model).capabilities:
+            return None
+        if response is None or not response.forces:
+            return HubForce()
+        name, force = next(iter(response.forces.items()))
+        needle = dict(response.state.needles)[name]
+        return HubForce.of(force, needle, self.scene.spec.needle.length_mm)
 
     def __repr__(self) -> str:
         return f"Session({self.scene!r})"
+
+
+def knows_time(model: str) -> bool:
+    """Whether seconds matter to a model of the registry."""
+    return "time" in registry.spec(model).capabilities
+
+
+def _events(rests: tuple[Blocked, ...], response: Response | None, last: SimulatedFrame | None) -> tuple[object, ...]:
+    """Which needles rest on bone, and have just come to, and what else the model says: of bone the scene knows more."""
+    before = {(event.needle, event.by) for event in (() if last is None else last.events) if isinstance(event, Blocked)}
+    touched = [Touched(rest.needle, rest.by) for rest in rests if (rest.needle, rest.by) not in before]
+    fresh = response is not None and (last is None or response is not last.response)
+    said = response.events if response is not None and fresh else ()
+    return (*rests, *touched, *(event for event in said if not isinstance(event, Blocked)))

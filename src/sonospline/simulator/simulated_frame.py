@@ -13,9 +13,11 @@ from ..geometry.needle import Needle
 from ..models.contract import NeedleForce, Response
 from ..ultrasound.frame import Frame
 from ..ultrasound.probe import Probe
+from .breath import Breath
 from .command import ImageSettings
 from .imaging import out_of_plane
 from .readouts import Readouts
+from .tissue_settings import TissueSettings
 
 Array = NDArray[np.float64]
 
@@ -26,20 +28,35 @@ class SimulatedFrame:
 
     number: int
     """From 0; the picture's noise goes by it."""
+    time_s: float
+    """Of the session: the sum of what its steps were given."""
+    dt: float
+    """What the step to this frame was given of it."""
     image: Frame
     probe: Probe
     """As the settings have tuned it."""
     probe_to_reference: Array
     """(4, 4) pose of the probe, origin in the middle of its face."""
     settings: ImageSettings
+    tissue: TissueSettings
+    """What was asked of tissue in time; models without time heed none of it."""
     needles: Mapping[str, Needle]
     """Those in the tissue, by name; the picture shows the first."""
+    undeformed: Mapping[str, Needle]
+    """The same as tissue has them that nobody's breath moves, which is what a model is asked; without any that are
+    where no tissue is."""
     model: str
     """Which model of tissue answered."""
     response: Response | None
-    """What it answered: field, forces, events; None while the tissue is at rest and nobody asked."""
+    """What it answered: field, forces; None while the tissue is at rest and nobody asked."""
+    events: tuple[object, ...]
+    """What happened in the step: needles that rest on bone, or have just come to, and what the model says."""
     field: GridField
     """The deformation as the picture shows it: linear between the nodes of the display grid."""
+    by_needles: GridField
+    """What of it is the needles', in undeformed tissue; the same where nobody breathes."""
+    breath: Breath | None
+    """Whose; None while nobody breathes."""
     target: str
     target_rest: Array
     target_now: Array
@@ -57,18 +74,18 @@ class SimulatedFrame:
 
     @property
     def settled(self) -> bool:
-        """Whether the tissue has come to rest: another step at the same poses would change nothing."""
+        """Whether the tissue has come to rest: at the same poses and time another step would change nothing."""
         return self.response is None or self.response.settled
+
+    @property
+    def moves(self) -> bool:
+        """Whether time alone changes it."""
+        return self.breath is not None
 
     @property
     def forces(self) -> Mapping[str, NeedleForce]:
         """Of each needle on the tissue, where the model knows them."""
         return {} if self.response is None else self.response.forces
-
-    @property
-    def events(self) -> tuple[str, ...]:
-        """What happened in the step."""
-        return () if self.response is None else self.response.events
 
     @property
     def image_to_reference(self) -> Array:

@@ -13,6 +13,9 @@ const MENU = 9;
 const [L3, R3] = [10, 11];
 const ACTION_BUTTONS: readonly [number, ActionId][] = [[0, "freeze"], [1, "undo"], [2, "entry"], [3, "skin"], [8, "nextModel"]];
 
+/** What a hand feels when something happens in the tissue. */
+const PULSE = { duration: 120, strongMagnitude: 0.8, weakMagnitude: 0.4 };
+
 type Pad = NonNullable<Knob["pad"]>;
 /** Buttons that go down and up, a stick's axis and which way of it goes up, or levers that pull and push. */
 type Control = { buttons: readonly [number, number] } | { stick: number; sign: 1 | -1 } | { levers: readonly [number, number] };
@@ -36,11 +39,17 @@ export class GamepadReader {
   private menuSince = 0;
   private id: string | null = null;
 
-  constructor(private readonly desk: Desk) {}
+  constructor(private readonly desk: Desk) {
+    desk.session.happened.on(() => void this.pad()?.vibrationActuator?.playEffect("dual-rumble", PULSE).catch(() => undefined));
+  }
+
+  private pad(pads: readonly (Gamepad | null)[] = navigator.getGamepads()): Gamepad | null {
+    return pads.find((candidate) => candidate?.connected && candidate.mapping === "standard") ?? null;
+  }
 
   /** Once an animation frame. */
   poll(now: number, pads: readonly (Gamepad | null)[] = navigator.getGamepads()): void {
-    const pad = pads.find((candidate) => candidate?.connected && candidate.mapping === "standard") ?? null;
+    const pad = this.pad(pads);
     if (!pad) {
       if (this.id !== null) this.desk.stop();
       this.id = null;

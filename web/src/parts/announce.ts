@@ -3,6 +3,7 @@
 import type { Desk } from "../desk";
 import { h } from "../dom";
 import { inPlane, onTarget } from "./readouts";
+import { happening, stopped } from "./words";
 
 const EVERY = 2000;
 
@@ -15,13 +16,15 @@ export class Announcer {
 
   constructor(desk: Desk) {
     const { session } = desk;
-    let [reached, plane] = [false, true];
+    let [reached, plane, why] = [false, true, ""];
     session.drawn.on(({ header }) => {
       if (!session.scene) return;
       const [nowReached, nowPlane] = [onTarget(header.readouts, session.scene), inPlane(header.readouts)];
       if (nowReached && !reached) this.say("On target.");
       if (!nowPlane && plane) this.say("Tip out of plane.");
-      [reached, plane] = [nowReached, nowPlane];
+      const nowWhy = stopped(header)?.join(". ") ?? "";
+      if (nowWhy && nowWhy !== why) this.say(`${nowWhy}.`);
+      [reached, plane, why] = [nowReached, nowPlane, nowWhy];
     });
     session.statusChanged.on((status) => {
       if (status === "frozen") this.say("Frozen.");
@@ -31,6 +34,10 @@ export class Announcer {
     session.modelChanged.on((model) => this.say(`Model: ${session.scene?.models.find(({ id }) => id === model)?.name ?? model}.`));
     session.refused.on(({ message }) => this.alarm(message));
     session.noticed.on(({ level, message }) => (level === "fault" ? this.alarm(message) : this.say(message)));
+    session.happened.on(({ text }) => {
+      const words = happening(text);
+      if (words) this.say(`${words.join(" ").trim()}.`);
+    });
     desk.said.on((sentence) => this.say(sentence));
   }
 

@@ -7,6 +7,7 @@ import { icon, logo } from "../icons";
 import { actionButton, toggleButton } from "./buttons";
 import { modelSwitch } from "./models";
 import { scenePicker } from "./picker";
+import { TissueMenu } from "./tissue";
 
 const EVERY = 100;
 const SECOND = 1000;
@@ -23,18 +24,21 @@ export class Header {
     this.state,
   );
   readonly element: HTMLElement;
+  private readonly tissue: TissueMenu;
   readonly slow = new Caution(100, SECOND);
   private readonly verySlow = new Caution(250, SECOND);
   private readonly few = new Caution(1, SECOND);
   private writtenAt = -Infinity;
 
   constructor(private readonly desk: Desk) {
+    this.tissue = new TissueMenu(desk);
     this.element = h(
       "header",
       { class: "header" },
       h("h1", {}, logo(), h("span", {}, "Sonospline")),
       scenePicker(desk.session),
       modelSwitch(desk),
+      this.tissue.element,
       h("span", { class: "space" }),
       this.meters,
       toggleButton(desk, "guides", "Guides", "eye", "quiet"),
@@ -50,6 +54,7 @@ export class Header {
   }
 
   tick(now: number): void {
+    this.tissue.tick(now);
     if (now - this.writtenAt < EVERY) return;
     this.writtenAt = now;
     const { status, meter } = this.desk.session;

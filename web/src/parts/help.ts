@@ -37,6 +37,12 @@ const SPEED: readonly Line[] = [
 ];
 const PROBE: readonly Line[] = [["Recentre", ["KeyB"], "Recentre button", "–"]];
 const FREEZE: Line = ["Freeze", ["Space"], "Freeze button", "A"];
+const TISSUE: readonly Line[] = [
+  ["Breathing", ["KeyT"], "Tissue menu", "–"],
+  ["Hold the breath", ["KeyH"], "Tissue menu", "–"],
+  ["Needle remembers", ["KeyM"], "Tissue menu", "–"],
+  ["Tissue relaxes", ["KeyL"], "Tissue menu", "–"],
+];
 const VIEW: readonly Line[] = [
   ["Model", ["Digit1", "Digit2", "Digit3"], "Model switch", "View"],
   ["Guides; probe view", ["KeyO", "KeyP"], "Buttons", "–"],
@@ -74,7 +80,7 @@ export function helpDialog(desk: Desk): HTMLDialogElement {
   desk.session.sceneReady.on(({ knobs }) => {
     board.replaceChildren(...keyboard(desk.keys));
     tables.replaceChildren(
-      h("div", {}, table("Needle", [...lines(knobs, "needle", 1), ...NEEDLE]), table("Speed", SPEED)),
+      h("div", {}, table("Needle", [...lines(knobs, "needle", 1), ...NEEDLE]), table("Speed", SPEED), table("Tissue", TISSUE)),
       h("div", {}, table("Probe", [...lines(knobs, "probe", 1), ...PROBE]), table("Image and view", [FREEZE, ...lines(knobs, "image", 2), ...VIEW])),
     );
   });

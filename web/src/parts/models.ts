@@ -3,7 +3,7 @@
 import type { Desk } from "../desk";
 import { h } from "../dom";
 import { keyOf, type ActionId } from "../keys";
-import type { Choice } from "../protocol";
+import type { OfferedModel } from "../protocol";
 import { choose, radioKeys } from "./buttons";
 
 export function modelSwitch(desk: Desk): HTMLElement {
@@ -21,12 +21,12 @@ export function modelSwitch(desk: Desk): HTMLElement {
   return group;
 }
 
-function modelButton(desk: Desk, model: Choice, place: number): HTMLButtonElement {
+function modelButton(desk: Desk, model: OfferedModel, place: number): HTMLButtonElement {
   const action = `model${place + 1}` as ActionId;
   return h(
     "button",
     {
-      type: "button", role: "radio", "data-model": model.id, "data-hint": model.name,
+      type: "button", role: "radio", "data-model": model.id, "data-hint": model.time ? model.name : `${model.name}: no time, the pose alone counts`,
       "data-key": place < 3 ? keyOf(action) : "",
       onclick: () => desk.session.chooseModel(model.id),
     },

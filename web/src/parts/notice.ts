@@ -4,25 +4,21 @@ import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon, type IconName } from "../icons";
 import type { Side } from "../image/corner";
-import type { FrameHeader } from "../protocol";
 import type { Header } from "./header";
 import type { ImagePane } from "./imagePane";
+import { happening, stopped } from "./words";
 
-interface Entry { kind: "plain" | "caution" | "fault"; picture: IconName; title: string; text: string; undo?: boolean; close?: boolean }
+interface Entry { kind: "plain" | "event" | "caution" | "fault"; picture: IconName; title: string; text: string; undo?: boolean; close?: boolean; fades?: boolean }
 
 const EVERY = 100;
 /** px of its width, the widest that fits beside the sector, and what it keeps clear of. */
 const WIDTHS = [190, 170, 150, 135, 120, 105, 90];
 const CLEAR = 8;
-/** What is limited, and by what. */
-const BLOCKED: Record<NonNullable<FrameHeader["blocked"]>, readonly [string, string]> = {
-  "end of needle": ["End of needle", "All of it is in"],
-  "leaves the tissue": ["Leaves the tissue", "The needle stops here"],
-  "needle inside": ["Turns no further", "The tissue holds the needle: pull it out to turn it more"],
-};
 /** ms a refusal and a block stay after their cause has gone. */
 const LINGER = 4000;
 const BLOCK_LINGER = 1200;
+/** ms in which an event fades at the end. */
+const FADE = 800;
 
 export class NoticePart {
   private readonly title = h("b", {});
@@ -34,6 +30,7 @@ export class NoticePart {
   private fault: { message: string } | null = null;
   private caution: { message: string; until: number } | null = null;
   private blocked: { title: string; text: string; until: number } | null = null;
+  private happened: { title: string; text: string; until: number } | null = null;
   private shownAt = -Infinity;
   private fitted = "";
 
@@ -55,13 +52,16 @@ export class NoticePart {
     session.refused.on(({ what, message }) => {
       if (what !== "scene" && what !== "open_scene") this.caution = { message, until: performance.now() + LINGER };
     });
-    session.drawn.on(({ header: { blocked } }) => {
-      if (!blocked) return;
-      const [title, text] = BLOCKED[blocked];
-      this.blocked = { title, text, until: performance.now() + BLOCK_LINGER };
+    session.drawn.on(({ header }) => {
+      const words = stopped(header);
+      if (words) this.blocked = { title: words[0], text: words[1], until: performance.now() + BLOCK_LINGER };
     });
     session.sceneReady.on(() => {
-      this.fault = this.caution = this.blocked = null;
+      this.fault = this.caution = this.blocked = this.happened = null;
+    });
+    session.happened.on(({ text }) => {
+      const words = happening(text);
+      if (words) this.happened = { title: words[0], text: words[1], until: performance.now() + LINGER };
     });
   }
 
@@ -73,6 +73,7 @@ export class NoticePart {
     toggle(document.body, "noticed", entry !== null);
     if (!entry) return;
     this.element.dataset.kind = entry.kind;
+    toggle(this.element, "fades", entry.fades ?? false);
     write(this.title, entry.title);
     write(this.text, entry.text);
     if (this.place.dataset.picture !== entry.picture) {
@@ -116,6 +117,7 @@ export class NoticePart {
     if (now < restoreUntil) return { kind: "plain", picture: "clockwise", title: "Reset", text: `can be undone for ${Math.ceil((restoreUntil - now) / 1000)} s`, undo: true };
     if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.title, text: this.blocked.text };
     if (this.caution && now < this.caution.until) return { kind: "caution", picture: "warning", title: "Not done", text: this.caution.message };
+    if (this.happened && now < this.happened.until) return { kind: "event", picture: "entry", title: this.happened.title, text: this.happened.text, fades: this.happened.until - now < FADE };
     if (switches.placing) return { kind: "plain", picture: "entry", title: "New entry", text: "Left, right: along the skin. Push to go in" };
     const late = session.busyFor(now);
     if (late !== null) return { kind: "caution", picture: "warning", title: "Busy", text: `The server is at work; the image is ${(late / 1000).toFixed(0)} s old` };

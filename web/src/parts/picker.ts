@@ -2,8 +2,8 @@
 
 import { h, write } from "../dom";
 import { icon } from "../icons";
-import { DONE } from "../input/focus";
 import type { Session } from "../session";
+import { popup } from "./menu";
 
 /** The server takes messages of 64 KiB. */
 const LARGEST = 60_000;
@@ -22,23 +22,6 @@ export function scenePicker(session: Session): HTMLElement {
   const progress = h("span", { class: "progress" });
   const root = h("div", { class: "picker" }, button, menu, file, progress);
 
-  const close = (focus = true) => {
-    if (menu.hidden) return;
-    menu.hidden = true;
-    button.setAttribute("aria-expanded", "false");
-    if (focus && pointed) root.dispatchEvent(new Event(DONE, { bubbles: true }));
-    else if (focus) button.focus();
-  };
-  /** Whether a pointer opened the menu: then the image has the focus when it closes. */
-  let pointed = false;
-  const open = (byPointer: boolean) => {
-    pointed = byPointer;
-    menu.replaceChildren(...entries());
-    menu.hidden = false;
-    button.setAttribute("aria-expanded", "true");
-    const now = menu.querySelector<HTMLElement>("[aria-checked=true]") ?? (menu.firstElementChild as HTMLElement | null);
-    now?.focus();
-  };
   const item = (label: string, note: string, run: () => void, checked: boolean | null = null) =>
     h(
       "button",
@@ -62,25 +45,7 @@ export function scenePicker(session: Session): HTMLElement {
     return all.length < 2 ? [] : all.map((target) => item(`Target: ${target.name}`, "", () => session.chooseTarget(target.id), target.id === session.target));
   };
 
-  button.addEventListener("click", ({ detail }) => (menu.hidden ? open(detail > 0) : close()));
-  button.addEventListener("keydown", (event) => {
-    if (event.code !== "ArrowDown") return;
-    event.preventDefault();
-    open(false);
-  });
-  menu.addEventListener("keydown", (event) => {
-    const items = [...menu.children] as HTMLElement[];
-    const now = items.indexOf(document.activeElement as HTMLElement);
-    const next = { ArrowDown: now + 1, ArrowUp: now - 1, Home: 0, End: -1 }[event.code];
-    if (event.code === "Escape") close();
-    if (event.code === "Tab") close(false);
-    if (next === undefined) return;
-    event.preventDefault();
-    items.at(next % items.length)?.focus();
-  });
-  document.addEventListener("pointerdown", (event) => {
-    if (!root.contains(event.target as Node)) close(false);
-  });
+  const { open, close } = popup(root, button, menu, () => entries());
   file.addEventListener("change", () => {
     const chosen = file.files?.[0];
     file.value = "";

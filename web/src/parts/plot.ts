@@ -1,9 +1,12 @@
-/** How far the target has moved against insertion depth: the live model, and the others' curves as they were left. */
+/** Target motion, or force, against insertion depth: the live model, and the others' curves as they were left. */
 
 import { axisTop, Curves, type Curve } from "../curves";
 import { h, s } from "../dom";
+import { choose, radioKeys } from "./buttons";
 import { standApart } from "../plotLabels";
+import type { LoggedEvent, Readouts } from "../protocol";
 import type { Session } from "../session";
+import { Traces } from "../traces";
 
 const ROOM = { left: 22, right: 8, top: 22, bottom: 22 };
 const EVERY = 100;
@@ -14,16 +17,28 @@ const LINE = 13;
 const DASHES = ["5 4", "1.500 3.500", "8 3 2 3"];
 
 interface Named { id: string; points: Curve }
+interface Shown { id: "motion" | "force"; name: string; unit: string; least: number; value: (readouts: Readouts) => number | null }
+
+const SHOWN: readonly Shown[] = [
+  { id: "motion", name: "Target motion", unit: "mm", least: 2, value: ({ moved }) => moved },
+  { id: "force", name: "Force", unit: "N", least: 1, value: ({ hub }) => hub?.axial_n ?? null },
+];
 
 export class MotionPlot {
-  private readonly svg = s("svg", { class: "plot", role: "img", "aria-label": "Target motion in millimetres against insertion depth" });
+  private readonly svg = s("svg", { class: "plot", role: "img" });
+  private readonly unit = h("span", {});
+  private readonly tabs = SHOWN.map(({ id, name }) => h("button", { type: "button", role: "radio", "data-plot": id, onclick: () => this.show(id) }, name));
   readonly element = h(
     "section",
-    { class: "panel motion", "aria-labelledby": "motion-title" },
-    h("div", { class: "panel-head" }, h("h2", { id: "motion-title" }, "Target motion"), h("span", {}, "mm, against insertion depth")),
+    { class: "panel motion", "aria-label": "Against insertion depth" },
+    h("div", { class: "panel-head" }, h("div", { class: "segments", role: "radiogroup", "aria-label": "Plot" }, ...this.tabs), this.unit),
     this.svg,
   );
-  private readonly curves = new Curves();
+  private readonly curves = { motion: new Curves(), force: new Traces() };
+  private shown: Shown = SHOWN[0];
+  /** Of this pass, with the depth of each. */
+  private events: LoggedEvent[] = [];
+  private passes = -1;
   private dirty = true;
   private drawnAt = -Infinity;
   private size = { width: 0, height: 0 };
@@ -33,14 +48,28 @@ export class MotionPlot {
       this.size = { width: entry.contentRect.width, height: entry.contentRect.height };
       this.dirty = true;
     }).observe(this.svg);
+    radioKeys(this.element, () => this.tabs, (k) => this.show(SHOWN[k].id));
     session.drawn.on(({ header }) => {
-      this.curves.add(header.model, header);
+      this.curves.motion.add(header.model, header);
+      this.curves.force.add(header.model, header);
+      if (header.pass.passes !== this.passes) this.events = [];
+      this.passes = header.pass.passes;
       this.dirty = true;
     });
+    session.happened.on((event) => this.events.push(event));
     session.sceneReady.on(() => {
-      if (!session.resumed) this.curves.clear();
+      if (!session.resumed) for (const curves of Object.values(this.curves)) curves.clear();
       this.dirty = true;
     });
+    this.show("motion");
+  }
+
+  private show(id: Shown["id"]): void {
+    this.shown = SHOWN.find((one) => one.id === id) ?? SHOWN[0];
+    for (const tab of this.tabs) choose(tab, tab.dataset.plot === this.shown.id);
+    this.unit.textContent = `${this.shown.unit}, against depth`;
+    this.svg.setAttribute("aria-label", `${this.shown.name} in ${this.shown.unit} against insertion depth in mm`);
+    this.dirty = true;
   }
 
   tick(now: number): void {
@@ -54,22 +83,30 @@ export class MotionPlot {
     const { frame, scene, model } = this.session;
     const width = this.size.width - ROOM.left - ROOM.right;
     const height = this.size.height - ROOM.top - ROOM.bottom;
-    const all = this.curves.models.map((id) => ({ id, points: this.curves.get(id) }));
+    const { shown, events } = this;
+    const curves = this.curves[shown.id];
+    const all = curves.models.map((id) => ({ id, points: curves.get(id) }));
     const deepest = Math.max(0, ...all.flatMap(({ points }) => points.map(([depth]) => depth)));
-    const largest = Math.max(0, ...all.flatMap(({ points }) => points.map(([, moved]) => moved)));
+    const values = all.flatMap(({ points }) => points.map(([, value]) => value));
+    const largest = Math.max(0, ...values);
     const x = axisTop(deepest, 80, 5);
-    const y = axisTop(largest, 2, 3);
+    const lowest = Math.min(0, ...values);
+    const y = axisTop(Math.max(largest, -lowest), shown.least, lowest < 0 ? 2 : 3);
+    const below = -y.step * Math.ceil(-lowest / y.step - 1e-9);
     const px = (depth: number) => ROOM.left + (width * depth) / x.top;
-    const py = (moved: number) => ROOM.top + height * (1 - moved / y.top);
+    const py = (value: number) => ROOM.top + (height * (y.top - value)) / (y.top - below);
     const line = (points: readonly (readonly [number, number])[]) =>
       points.length < 2 ? "" : `M${points.map(([a, b]) => `${px(a).toFixed(1)} ${py(b).toFixed(1)}`).join("L")}`;
     const out: SVGElement[] = [];
-    for (let value = 0; value <= y.top + 1e-9; value += y.step) {
+    for (let value = below; value <= y.top + 1e-9; value += y.step) {
       out.push(s("path", { class: "grid-line", d: `M${px(0)} ${py(value).toFixed(1)}H${px(x.top)}` }));
       out.push(s("text", { x: ROOM.left - 8, y: (py(value) + 4).toFixed(1), "text-anchor": "end" }, plain(value)));
     }
     for (let value = 0; value <= x.top + 1e-9; value += x.step) {
       out.push(s("text", { x: px(value).toFixed(1), y: this.size.height - 5, "text-anchor": value > 0 && value >= x.top ? "end" : "middle" }, plain(value)));
+    }
+    if (shown.id === "force") {
+      for (const { depth, text } of events) out.push(s("path", { class: "event", d: `M${px(depth).toFixed(1)} ${ROOM.top}V${ROOM.top + height}` }, s("title", {}, text)));
     }
     const name = (id: string) => scene?.models.find((candidate) => candidate.id === id)?.name ?? id;
     const highest = (from: number, to: number) =>
@@ -91,12 +128,13 @@ export class MotionPlot {
     const heights = standApart(labels.map(({ at }) => at), 9, ROOM.top + height - 4, LINE);
     labels.forEach(({ text }, k) => text.setAttribute("y", heights[k].toFixed(1)));
     out.push(...labels.map(({ text }) => text));
-    const now = frame?.header.readouts;
-    if (now) out.push(s("circle", { class: "live", cx: px(now.depth).toFixed(1), cy: py(now.moved).toFixed(1), r: 4 }));
+    const now = frame && shown.value(frame.header.readouts);
+    if (frame && now !== null) out.push(s("circle", { class: "live", cx: px(frame.header.readouts.depth).toFixed(1), cy: py(now).toFixed(1), r: 4 }));
+    else if (frame) out.push(s("text", { class: "none", x: px(x.top / 2).toFixed(1), y: ROOM.top + height / 2, "text-anchor": "middle" }, `${name(model)} knows no ${shown.name.toLowerCase()}`));
     return out;
   }
 }
 
 function plain(value: number): string {
-  return String(Math.round(value * 1000) / 1000);
+  return String(Math.round(value * 1000) / 1000).replace("-", "\u2212");
 }

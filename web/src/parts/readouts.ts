@@ -1,4 +1,4 @@
-/** The four numbers: text at most ten times a second, the unrounded values in `data-value`. */
+/** The five numbers: text at most ten times a second, the unrounded values in `data-value`. */
 
 import { Caution } from "../caution";
 import { h, toggle, write } from "../dom";
@@ -11,6 +11,10 @@ import { parts } from "./words";
 const EVERY = 100;
 /** ms after which numbers of another model or target than is chosen are taken away. */
 const APART = 300;
+/** What stands in place of the needle's length where it goes no deeper. */
+const ENDS: Partial<Record<string, string>> = { "end of needle": "End of needle", bone: "On bone" };
+/** N at the end of the bar. */
+const STRONGEST = 5;
 /** Share of the needle that may be in before its end is near. */
 const NEEDLE_END = 0.95;
 
@@ -26,11 +30,15 @@ export class ReadoutsPart {
   private readonly ring = h("span", { class: "ring", "aria-hidden": "true" });
   private readonly bar = h("span", { class: "mark" });
   private readonly slice = h("span", { class: "slice" });
+  /** About the hub. */
+  private readonly moment = h("span", { class: "note moment" });
+  private readonly push = h("span", { class: "fill" });
   private readonly rows = {
     tip: row("tip-to-target", "Tip to target", this.ring),
     depth: row("depth", "Insertion depth"),
     moved: row("moved", "Target moved"),
     plane: row("out-of-plane", "Tip out of plane"),
+    force: row("force", "Force", null, "N"),
   };
   readonly element = h(
     "section",
@@ -44,6 +52,8 @@ export class ReadoutsPart {
 
   constructor(private readonly session: Session) {
     this.rows.plane.note.before(h("span", { class: "plane-bar", "aria-hidden": "true" }, this.slice, this.bar));
+    this.rows.force.note.after(this.moment);
+    this.rows.force.note.before(h("span", { class: "force-bar", "aria-hidden": "true" }, this.push));
     session.statusChanged.on((status) => {
       if (status === "lost" || status === "loading") this.blank();
       else this.written = -1;
@@ -73,14 +83,14 @@ export class ReadoutsPart {
   }
 
   private show(header: FrameHeader, scene: Scene): void {
-    const { tip, depth, moved, plane } = this.rows;
+    const { tip, depth, moved, plane, force } = this.rows;
     const values = header.readouts;
     const reached = onTarget(values, scene);
     number(tip, values.tip_to_target, false);
     write(tip.note, reached ? "On target" : `on target below ${scene.tolerance_mm.toFixed(1)} mm`);
     toggle(tip.root, "reached", reached);
     number(depth, values.depth, false);
-    write(depth.note, header.blocked === "end of needle" ? "End of needle" : `of ${scene.needle.length_mm.toFixed(0)} mm`);
+    write(depth.note, ENDS[header.blocked ?? ""] ?? `of ${scene.needle.length_mm.toFixed(0)} mm`);
     toggle(depth.root, "caution", this.cautions.depth.on);
     number(moved, values.moved, false);
     write(moved.note, this.cautions.folds.on ? "the tissue folds" : parts(values.moved_parts));
@@ -90,6 +100,17 @@ export class ReadoutsPart {
     write(plane.note, !out ? (inPlane(values) ? "in plane" : "") : towardsViewer(values) > 0 ? "sweep towards you" : "sweep away");
     toggle(plane.root, "caution", out);
     this.drawBar(values);
+    number(force, values.hub?.axial_n ?? null, false);
+    write(force.note, values.hub ? `${values.hub.lateral_n.toFixed(1)} N across` : "not in this model");
+    write(this.moment, values.hub ? `, ${values.hub.moment_nmm.toFixed(0)} N mm` : "");
+    this.drawPush(values.hub?.axial_n ?? 0);
+  }
+
+  /** From the middle: pushing to the right, pulling to the left. */
+  private drawPush(newtons: number): void {
+    const share = Math.min(1, Math.abs(newtons) / STRONGEST);
+    this.push.style.left = `${(newtons < 0 ? 50 - 50 * share : 50).toFixed(2)}%`;
+    this.push.style.width = `${(50 * share).toFixed(2)}%`;
   }
 
   /** The slice in the middle of a bar that spans six of its halves. */
@@ -102,6 +123,8 @@ export class ReadoutsPart {
 
   private blank(): void {
     this.written = -1;
+    this.drawPush(0);
+    write(this.moment, "");
     for (const { root, number, note } of Object.values(this.rows)) {
       write(number, "–");
       number.removeAttribute("data-value");
@@ -112,9 +135,9 @@ export class ReadoutsPart {
   }
 }
 
-function row(id: string, label: string, before: HTMLElement | null = null): Row {
+function row(id: string, label: string, before: HTMLElement | null = null, of = "mm"): Row {
   const number = h("output", { class: "number", id: `read-${id}`, "aria-labelledby": `label-${id}`, "aria-live": "off" }, "–");
-  const unit = h("span", { class: "unit" }, "mm");
+  const unit = h("span", { class: "unit" }, of);
   const note = h("span", { class: "note" });
   const name = h("h2", { class: "label", id: `label-${id}` }, before, label);
   const root = h("div", { class: `readout ${id}` }, name, h("p", { class: "value" }, number, unit), h("p", { class: "below" }, icon("warning", 12), note));

@@ -1,0 +1,39 @@
+"""What is asked of tissue in time."""
+
+from typing import Annotated, Literal, get_args
+
+from .._shown import shown
+from ..io.records import FieldError, Record, about
+
+Contact = Literal["pose", "track"]
+Relaxation = Literal["none", "tissue"]
+BreathingAsked = Literal["none", "free", "held"]
+NO_TRACK = "= 'tissue' is for needles that leave a track; give contact = 'track', too"
+
+
+class TissueSettings(Record, frozen=True, kw_only=True):
+    """What tissue does in time, by models that know time; with everything off it answers to poses alone.
+
+    Raises
+    ------
+    FieldError
+        A word that is not known, or tissue that relaxes under needles that leave no track.
+
+    Examples
+    --------
+    >>> from sonospline.simulator import TissueSettings
+    >>> TissueSettings(contact="track", breathing="free")
+    TissueSettings(contact='track', relaxation='none', breathing='free')
+    """
+
+    contact: Annotated[Contact, about("forces of the needle's pose, or of the track it has left")] = "pose"
+    relaxation: Annotated[Relaxation, about("whether tissue relaxes, where contact is a track")] = "none"
+    breathing: Annotated[BreathingAsked, about("whether somebody breathes, or holds the breath")] = "none"
+
+    def __post_init__(self) -> None:
+        for name, words in (("contact", Contact), ("relaxation", Relaxation), ("breathing", BreathingAsked)):
+            if getattr(self, name) not in get_args(words):
+                known = ", ".join(get_args(words))
+                raise FieldError((name,), f"= {shown(getattr(self, name))} is not known; choose one of {known}")
+        if self.relaxation == "tissue" and self.contact == "pose":
+            raise FieldError(("relaxation",), NO_TRACK)

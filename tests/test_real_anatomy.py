@@ -1,0 +1,110 @@
+"""The live elastic field where nothing was tuned: crops of a real abdomen, the kidney scene, hard blocks."""
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from hard_blocks import bone_cases, layer_cases, soft_cases
+from judged_pass import JudgedPass
+from real_anatomy import CROPS, abdomen_cases, kidney_cases
+from sonospline.models.elastic import ElasticModel
+
+
+def judged(case, frames=60, **options):
+    """A pass of so many frames, and the errors after a withdrawal."""
+    found = JudgedPass(ElasticModel(case.tissue, case.tissues, **options), case)
+    found.push(frames)
+    return found, list(found.true), found.withdraw()
+
+
+def holds(case):
+    """Whether a pass keeps what is promised of the iteration."""
+    found, pushed, back = judged(case)
+    assert np.quantile(pushed[4:], 0.95) <= 0.05
+    assert max(pushed[4:]) <= 0.15
+    assert np.median(pushed[-5:]) <= 0.0125  # a frame that its budget ended, beside an interface, may say more
+    assert np.quantile(found.tip[4:], 0.9) <= 0.05
+    assert back[0] <= 0.05
+    assert back[2] <= 0.015
+    assert np.mean(found.ratios < 0.5) <= 0.05
+
+
+@pytest.mark.slow
+def test_a_few_frames_beside_real_ribs_converge_and_say_how_far(shared_data):
+    case = next(abdomen_cases("ribs", faces=1))
+    found, pushed, back = judged(case, frames=16, nodes=13**3)
+    assert max(pushed[4:]) <= 0.05
+    assert back[0] <= 0.05
+    assert found.ratios.min() >= 0.4
+
+
+def test_bone_of_a_real_abdomen_does_not_move(shared_data):
+    case = next(abdomen_cases("spine", faces=1))
+    model = ElasticModel(case.tissue, case.tissues, nodes=13**3)
+    moved = np.linalg.norm(model.step(model.rest, {"needle": case.needle}).state.solution.displacement, axis=0)
+    assert moved.max() > 1
+    corners = [slice(None, -1), slice(1, None)]
+    for x in corners:
+        for y in corners:
+            for z in corners:
+                assert not moved[x, y, z][model.solver.moduli.rigid].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("kind", CROPS)
+def test_passes_in_a_real_abdomen_hold(shared_data, kind, seed):
+    for case in abdomen_cases(kind, seed=seed, faces=2):
+        holds(case)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cases", [kidney_cases, bone_cases, layer_cases, soft_cases])
+def test_passes_to_every_target_of_the_kidney_and_in_hard_blocks_hold(cases):
+    for case in cases():
+        holds(case)
+
+
+@pytest.mark.slow
+def test_the_published_error_is_honest_over_two_thousand_frames(shared_data):
+    cases = [case for kind in CROPS for case in abdomen_cases(kind)]
+    cases += [*kidney_cases(), *bone_cases(), *layer_cases(), *soft_cases()]
+    ratios = np.concatenate([judged(case)[0].ratios for case in cases])
+    assert len(ratios) > 2000
+    assert np.mean(ratios < 0.5) <= 0.01
+    assert np.mean((ratios >= 1 / 3) & (ratios <= 3)) >= 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cases", [kidney_cases, bone_cases])
+def test_the_load_follows_the_needle_in_most_frames(cases):
+    for case in cases():
+        found = JudgedPass(ElasticModel(case.tissue, case.tissues), case, at_rest=True)
+        found.push()
+        assert np.quantile(found.true[4:], 0.9) <= 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", CROPS)
+def test_the_field_is_that_of_scikit_fem_on_the_same_cells(shared_data, kind):
+    pytest.importorskip("skfem")
+    pytest.importorskip("pyamg")
+    from gauss_reference import same_cells
+
+    case = next(abdomen_cases(kind, faces=1))
+    model = ElasticModel(case.tissue, case.tissues, nodes=17**3)
+    response = model.settle(model.step(model.rest, {"needle": case.needle}), tolerance=1e-5)
+    assert same_cells(model, response, case) < 3e-4
+
+
+@pytest.mark.slow
+def test_nodal_forces_are_the_integrals_of_the_load_by_gauss_points():
+    pytest.importorskip("skfem")
+    from gauss_reference import gauss_load
+
+    case = next(bone_cases())
+    model = ElasticModel(case.tissue, case.tissues)
+    inside = ss.Needle(case.needle.at(0.4), case.needle.tip)  # away from the faces, of which one is a mirror
+    found = np.moveaxis(model.solver.nodal_load(model.load, inside), 0, -1)
+    expected = gauss_load(model.solver.grid, lambda points: model.load.body_force(points, inside), points=6)
+    assert np.abs(found - expected).max() < 5e-3 * np.abs(expected).max()
