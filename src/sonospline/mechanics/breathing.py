@@ -130,7 +130,7 @@ class BreathHold:
         """Return how far the diaphragm has crept towards the head at times, mm."""
         held = np.clip(np.minimum(t, self.end_s) - self.start_s, 0, self.drift_s) / self.drift_s
         back = np.clip((t - self.end_s) / self.return_s, 0, 1)
-        return self.drift_mm * held * (1 - back**2 * (3 - 2 * back))
+        return self.drift_mm * held * (1 - back * back * (3 - 2 * back))
 
     def __repr__(self) -> str:
         return f"BreathHold({self.start_s:g} to {self.end_s:g} s)"
@@ -255,7 +255,10 @@ class Breathing:
         starts, heights = _drawn(self.rate_per_min, self.excursion_mm, self.seed, self._blocks(t))
         breath = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(heights) - 1)
         share = (t - starts[breath]) / (starts[breath + 1] - starts[breath])
-        found: Array = heights[breath] * np.sin(np.pi * share) ** (2 * self.exponent)
+        sine = np.sin(np.pi * share)
+        found: Array = heights[breath]
+        for _ in range(self.exponent):  # NumPy's powers differ in the last bit between one time and an array of them
+            found = found * (sine * sine)
         return found
 
     def _blocks(self, t: Array) -> int:
