@@ -5,12 +5,15 @@ import pytest
 from msgspec.structs import replace
 
 import sonospline as ss
-from rib_pushes import LEAST_DET, MOST_MM, MOST_MS, PUSH_MM, Site, solid_cells, strain_of, timed
+from rib_pushes import LEAST_DET, MOST_MM, PUSH_MM, Site, solid_cells, strain_of
 from sonospline.geometry import LabelMap
 from sonospline.mechanics import Material, TissueMap
+from sonospline.models.elastic.spec import BUDGET
 from sonospline.simulator import Session, make_scene
 
 RIBS = [f"rib_{side}_{number}" for side in ("left", "right") for number in range(7, 13)]
+SITES = [(rib, ss.FACES[k % 6]) for k, rib in enumerate(RIBS)]
+"""Each rib from one face, each face twice; from all faces they are in benchmarks/elastic_holds_on_real_anatomy.py."""
 MOST_ROUGH, FARTHEST_MM = 0.2, 30.0
 """Of the frames on the way to bone: there 0.7 N on 5 kPa moves tissue by about 10 mm, whether or not bone is near."""
 
@@ -43,16 +46,14 @@ def test_a_push_into_a_rib():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rib", RIBS)
-def test_a_push_into_every_rib_of_a_real_abdomen(shared_data, rib):
+@pytest.mark.parametrize(("rib", "face"), SITES)
+def test_a_push_into_every_rib_of_a_real_abdomen(shared_data, rib, face):
     tissues = TissueMap.read(shared_data / "abdomen_labels.nii.gz")
     label = next(label for label, name in tissues.labels.names.items() if name == rib)
-    frames = []
-    for face in ss.FACES:
-        site = Site(tissues, label, face)
-        frames += pushed(site, site.needles())
-    assert sum(frame.bone is not None for frame in frames) >= 20
-    assert max(frame.ms for frame in frames) <= MOST_MS
+    site = Site(tissues, label, face)
+    frames = pushed(site, site.needles())
+    assert sum(frame.bone is not None for frame in frames) >= 2
+    assert max(frame.iterations for frame in frames) <= BUDGET
     assert np.mean([not frame.gentle for frame in frames]) <= MOST_ROUGH
     assert max(frame.moved_mm for frame in frames) <= FARTHEST_MM
 
@@ -66,7 +67,7 @@ def test_a_push_into_the_rib_of_the_kidney_scene_at_all_angles():
     bone = tissues.labels.position(np.argwhere(np.isin(tissues.labels.voxels, rigid)).astype(float))
     session, pushes, solid = Session(scene), 0, solid_cells(tissues, scene.tissue.grid)
     session.step()
-    for aim in bone[np.linspace(0, len(bone) - 1, 5).astype(int)]:
+    for aim in bone[np.linspace(0, len(bone) - 1, 3)[:2].astype(int)]:
         for angle in (30.0, 60.0, 90.0, 120.0):
             for swing in (-40.0, 0.0, 40.0):
                 command = replace(scene.start.needle, u=0.0, v=0.0, angle=angle, swing=swing, depth=1.0)
@@ -75,20 +76,13 @@ def test_a_push_into_the_rib_of_the_kidney_scene_at_all_angles():
                 if scene.tissue.grid.contains(entry[None]).all():
                     push_session(session, entry, direction, solid)
                     pushes += 1
-    assert pushes >= 30
+    assert pushes >= 12
 
 
 def push_session(session, entry, direction, solid):
     session.step(needles={})
     for depth in np.arange(PUSH_MM, 150, PUSH_MM):
-        before, needle = session.last, ss.Needle(entry, entry + depth * direction)
-
-        def again(before=before, needle=needle):
-            session.resume(before)
-            return session.step(needles={"needle": needle})
-
-        ms, frame = timed(again)
-        assert ms <= MOST_MS
+        frame = session.step(needles={"needle": ss.Needle(entry, entry + depth * direction)})
         if frame.events:
             moved, det = strain_of(frame.response, solid)
             assert frame.events[0].by == "bone"
