@@ -9,7 +9,10 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..link.page_link import PageLink
 
 HELP = "serve the live simulator: a needle and a probe in a browser, tissue that answers"
 EXAMPLES = """examples:
@@ -18,6 +21,7 @@ EXAMPLES = """examples:
   sonospline serve --scene mine.toml
   sonospline serve --labels organs.nii.gz --names organs.csv --entry-face y+
   sonospline serve --volume us.mha
+  sonospline serve --link 18944                           # 3D Slicer sees what the page shows
   sonospline serve --host 0.0.0.0 --token "open sesame"   # for others on the network; Ctrl-C ends it
 """
 
@@ -38,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--idle", type=float, default=30.0, metavar="MIN", help="minutes until an idle session ends (30)"
     )
+    link = parser.add_argument_group("OpenIGTLink")
+    link.add_argument(
+        "--link", type=int, metavar="PORT", help="send what the first page shows, as sonospline link does"
+    )
+    link.add_argument("--link-names", type=Path, metavar="FILE", help="device names and rates of it, a TOML file")
     parser.add_argument("--json", action="store_true", help="print the address as JSON once it is ready")
 
 
@@ -45,24 +54,37 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Serve until Ctrl-C; return what was served."""
     # Before NumPy is loaded: the threads of its BLAS spin on the processors that draw the picture.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from .. import _terminal
-    from ..server.server import Server
     from . import _limits
 
     _limits.check(
         args,
-        {"port": _limits.Whole(0, 65_535), "sessions": _limits.Whole(1, 1000), "idle": _limits.Real(1e-3, 1e6)},
+        {
+            "port": _limits.Whole(0, 65_535),
+            "link": _limits.Whole(0, 65_535),
+            "sessions": _limits.Whole(1, 1000),
+            "idle": _limits.Real(1e-3, 1e6),
+        },
     )
+    with _link(args) as link:
+        return _serve(args, link)
+
+
+def _serve(args: argparse.Namespace, link: PageLink | None) -> dict[str, Any]:
+    from .. import _terminal
+    from ..server.server import Server
+
     server = Server(
         _catalog(args), host=args.host, port=args.port, token=args.token, sessions=args.sessions,
-        idle_s=60 * args.idle,
+        idle_s=60 * args.idle, watch=None if link is None else link.watch,
     )  # fmt: skip
 
     def ready(address: str) -> None:
         if args.json:
-            _terminal.answer(json.dumps({"address": address}))
-        else:
-            _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
+            _terminal.answer(json.dumps({"address": address} | ({} if link is None else {"link": link.server.port})))
+            return
+        _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
+        if link is not None:
+            _terminal.say(f"what the first page shows is on port {link.server.port} of {link.server.host} as well")
 
     code: Any = 1
     try:
@@ -81,6 +103,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
     """Return what to say at the end."""
     return f"ended; {report['scene']} was at {report['address']}"
+
+
+def _link(args: argparse.Namespace) -> contextlib.AbstractContextManager[PageLink | None]:
+    """The link beside the page, where one is asked for: to this machine alone."""
+    if args.link is None:
+        if args.link_names is not None:
+            raise ValueError("--link-names belongs to --link; give the port of the link")
+        return contextlib.nullcontext()
+    from ..link.page_link import PageLink
+    from ..link.scanner_names import ScannerNames
+
+    names = None if args.link_names is None else ScannerNames.read(args.link_names)
+    return PageLink(port=args.link, names=names)
 
 
 def _leave(code: int) -> None:

@@ -12,6 +12,9 @@ from .link_connection import ClientInfo as ClientInfo
 from .link_server import LinkServer as LinkServer
 from .page_device import PageDevice as PageDevice
 from .page_device import PageForce as PageForce
+from .page_link import PageLink as PageLink
 from .scanner import Scanner as Scanner
+from .scanner_names import CoordinateDefinition as CoordinateDefinition
 from .scanner_names import ScannerNames as ScannerNames
+from .transform_repository import TransformRepository as TransformRepository
 from .udp_device import UdpDevice as UdpDevice

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
+from .._shown import shown
 from .plus_commands import Action, Outcome, PlusCommand, parameters_xml
 
 _SETTINGS = {"DepthMm": "depth", "FrequencyMhz": "frequency", "GainPercent": "gain"}
@@ -16,18 +17,19 @@ _GAIN_DB = (-30.0, 30.0)
 """What 0 and 100 per cent are: the ends of the gain's knob."""
 
 
-def scanner_actions(scanner: Any) -> Mapping[str, Action]:
+def scanner_actions(station: Any) -> Mapping[str, Action]:
     """Return what a scanner can be asked to do, by the names of PLUS's commands."""
-    names = scanner.names
+    names = station.names
 
     def ids(*found: str) -> Action:
         return lambda command: Outcome(",".join(found), {name: name for name in found})
 
     def get_transform(command: PlusCommand) -> Outcome:
         name = command.attribute("TransformName")
-        if name not in scanner.transforms:
+        matrix = _transform(station, name)
+        if matrix is None:
             raise ValueError(f"GetTransform ({name}) Failed. Transform not found.")
-        value = " ".join(f"{number:.9g}" for number in scanner.transforms[name].ravel())
+        value = " ".join(f"{number:.9g}" for number in matrix.ravel())
         text = f'GetTransform ({name})<name="{name}" value="{value}" persistent="false" date="" error="0"/>'
         return Outcome(text, {name: value, "persistent": "false", "date": "", "error": "0"})
 
@@ -39,17 +41,24 @@ def scanner_actions(scanner: Any) -> Mapping[str, Action]:
             matrix = np.array(command.attribute("TransformValue").split(), float).reshape(4, 4)
         except ValueError:
             raise ValueError("TransformValue is not sixteen numbers; give the rows of a matrix") from None
-        scanner.move(name, rigid("TransformValue", matrix))
+        station.move(name, rigid("TransformValue", matrix))
         return Outcome(f"UpdateTransform ({name}) completed successfully")
 
+    def clutch(command: PlusCommand) -> Outcome:
+        tool, wanted = command.attribute("Tool").lower(), command.attribute("Open").upper()
+        if wanted not in ("TRUE", "FALSE"):
+            raise ValueError(f"Open = {shown(wanted)} is neither TRUE nor FALSE; give one of them")
+        station.tracking.clutch(tool, wanted == "TRUE")
+        return Outcome(f"Clutch ({tool}) completed successfully")
+
     def get_parameters(command: PlusCommand) -> Outcome:
-        values = {name: _shown(scanner, name) for name in command.parameters}
+        values = {name: _shown(station, name) for name in command.parameters}
         return _about(values, {name: value for name, value in values.items() if value is not None}, shows=True)
 
     def set_parameters(command: PlusCommand) -> Outcome:
         done: dict[str, str | None] = {}
         for name, value in command.parameters.items():
-            done[name] = value if _set(scanner, name, value) else None
+            done[name] = value if _set(station, name, value) else None
         return _about(done, {name: "FAIL" if value is None else "SUCCESS" for name, value in done.items()}, shows=False)
 
     said = Outcome(
@@ -60,8 +69,18 @@ def scanner_actions(scanner: Any) -> Mapping[str, Action]:
         "RequestChannelIds": ids(names.OutputChannel), "RequestDeviceIds": ids(names.UsDevice, names.Tracker),
         "RequestDeviceChannelIds": ids(names.OutputChannel), "GetTransform": get_transform,
         "UpdateTransform": update_transform, "GetUsParameter": get_parameters, "SetUsParameter": set_parameters,
-        "Version": lambda command: said,
+        "Version": lambda command: said, "Clutch": clutch,
     }  # fmt: skip
+
+
+def _transform(station: Any, name: str) -> Any:
+    """A transform that was sent, or that is composed of those known; None where there is none."""
+    if name in station.transforms:
+        return station.transforms[name]
+    try:
+        return station.tracking.moving.get(name)
+    except ValueError:
+        return None
 
 
 def _about(values: Mapping[str, str | None], metadata: Mapping[str, str], *, shows: bool) -> Outcome:
@@ -70,28 +89,22 @@ def _about(values: Mapping[str, str | None], metadata: Mapping[str, str], *, sho
     return Outcome("", metadata, not failed, error, parameters_xml(values, shows=shows))
 
 
-def _settings(scanner: Any) -> Any:
-    last = scanner.session.last
-    return scanner.wanted.settings or (scanner.session.scene.start.image if last is None else last.settings)
-
-
-def _shown(scanner: Any, name: str) -> str | None:
+def _shown(station: Any, name: str) -> str | None:
     if name not in _SETTINGS:
         return None
-    value = getattr(_settings(scanner), _SETTINGS[name])
+    value = getattr(station.driven.settings, _SETTINGS[name])
     low, high = _GAIN_DB
     return f"{100 * (value - low) / (high - low) if name == 'GainPercent' else value:.6g}"
 
 
-def _set(scanner: Any, name: str, text: str) -> bool:
+def _set(station: Any, name: str, text: str) -> bool:
     """Whether a setting was changed; it is not where the scene has no such setting or number."""
     try:
-        number, scene = float(text), scanner.session.scene
+        number = float(text)
         low, high = _GAIN_DB
         value = low + (high - low) * number / 100 if name == "GainPercent" else number
-        settings = replace(_settings(scanner), **{_SETTINGS[name]: value})
-        scene.knobs.check(replace(scene.start, image=settings))
+        settings = replace(station.driven.settings, **{_SETTINGS[name]: value})
+        station.driven.change(settings)
     except (KeyError, ValueError):
         return False
-    scanner.want(settings=settings)
     return True

@@ -14,7 +14,7 @@ from . import server_messages as said
 from .client_messages import MessageError
 from .flow import FrameFlow
 from .kept_session import Kept
-from .live_session import LiveSession
+from .live_session import LiveSession, Watch
 from .outbox import Outbox
 from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .scene_catalog import SceneCatalog
@@ -47,10 +47,12 @@ class Connection:
         Where messages to the client go, in order.
     key : str, default: ""
         What the session can be asked back by.
+    watch : callable, optional
+        Called with the runner of each of its sessions.
     """
 
-    def __init__(self, catalog: SceneCatalog, outbox: Outbox, key: str = "") -> None:
-        self._catalog, self.key = catalog, key
+    def __init__(self, catalog: SceneCatalog, outbox: Outbox, key: str = "", *, watch: Watch | None = None) -> None:
+        self._catalog, self.key, self._watch = catalog, key, watch
         self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
         self._loader = SceneLoader(catalog, self._sender, self._refuse, self._replace)
         self._live: LiveSession | None = None
@@ -173,7 +175,7 @@ class Connection:
 
     def _start(self, name: str, console: Console) -> None:
         self._busy_at = time.monotonic()
-        self._live = LiveSession(name, console, self._flow, self._sender, self._catalog)
+        self._live = LiveSession(name, console, self._flow, self._sender, self._catalog, self._watch)
 
     async def _end(self) -> LiveSession | None:
         live = self._live

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+Watch = Callable[[Runner], object]
+"""Called with the runner of every session, by whoever else shows it."""
+
 _POLL_S = 0.005
 MOST_ACTIONS = 240
 """Actions that may wait for a page that draws no frames."""
@@ -42,9 +45,13 @@ class LiveSession:
         Who says what to the page.
     catalog : SceneCatalog
         Who makes the meshes.
+    watch : callable, optional
+        Called with its runner: who else shows it.
     """
 
-    def __init__(self, name: str, console: Console, flow: FrameFlow, sender: Sender, catalog: SceneCatalog) -> None:
+    def __init__(
+        self, name: str, console: Console, flow: FrameFlow, sender: Sender, catalog: SceneCatalog, watch: Watch | None
+    ) -> None:
         self.name, self.console = name, console
         self._flow, self._sender, self._catalog = flow, sender, catalog
         self._showing: asyncio.Task[None] | None = None
@@ -54,6 +61,8 @@ class LiveSession:
         sender.say(SceneMessage.of(name, console))
         self._runner = Runner(console)
         self._frames = self._runner.subscribe(self._deliver, on_error=sender.report, ready=flow.may_send, quick=True)
+        if watch is not None:
+            watch(self._runner)
 
     def submit(self, command: Command, seq: int) -> None:
         """Give a command.

@@ -21,6 +21,7 @@ from .connection_limits import ConnectionLimits, open_files, pending_within
 from .conversation import converse
 from .guard import Guard
 from .kept_session import Kept
+from .live_session import Watch
 from .outbox import Outbox
 from .protocols import http_protocol, websocket_protocol
 from .scene_catalog import SceneCatalog
@@ -61,6 +62,8 @@ class Server:
         Sessions at once, at most.
     idle_s : float, default: 1800
         A session nobody asks anything of for so long is closed.
+    watch : callable, optional
+        Called with the runner of every session that begins: :meth:`PageLink.watch <sonospline.link.PageLink.watch>`.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class Server:
         token: str | None = None,
         sessions: int = 8,
         idle_s: float = 1800.0,
+        watch: Watch | None = None,
     ) -> None:
         self._uvicorn = require("uvicorn")
         require("websockets")
@@ -85,7 +89,7 @@ class Server:
         self.socket = _listen(host, port)
         self.host, self.port = host, self.socket.getsockname()[1]
         self.guard = Guard(host, self.port, token)
-        self.catalog, self.idle_s = catalog, idle_s
+        self.catalog, self.idle_s, self._watch = catalog, idle_s, watch
         self.pool = SessionPool(sessions, catalog.release_memory)
         self._server = self._uvicorn.Server(
             self._uvicorn.Config(
@@ -184,7 +188,7 @@ class Server:
             return
         transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
-        connection = Connection(self.catalog, outbox, new_key() if kept is None else key)
+        connection = Connection(self.catalog, outbox, new_key() if kept is None else key, watch=self._watch)
         self.pool.add(connection.key, connection)
         try:
             connection.open(kept)

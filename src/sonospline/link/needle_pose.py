@@ -1,0 +1,42 @@
+"""A needle and the pose of its tip: origin at the tip, z along it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.needle import Needle
+from ..simulator.skin_frame import SkinFrame
+
+Array = NDArray[np.float64]
+
+_LEAST_SLOPE = 0.05
+"""Cosine between needle and skin's normal below which it does not enter (assumed)."""
+
+
+def needle_at(tip_to_world: Array, skin: SkinFrame) -> Needle | None:
+    """Return the needle whose tip is at a pose's origin, along its z; None where the tip is in front of the skin.
+
+    Raises
+    ------
+    ValueError
+        It runs along the skin, or comes from within.
+    """
+    tip, along = tip_to_world[:3, 3], tip_to_world[:3, 2]
+    deep = float((tip - skin.origin) @ skin.depth)
+    if deep <= 0:
+        return None
+    slope = float(along @ skin.depth)
+    if slope < _LEAST_SLOPE:
+        raise ValueError(f"the needle's z and the way into the tissue have the cosine {slope:.2g}; turn it inwards")
+    return Needle(tip - along * (deep / slope), tip)
+
+
+def pose_along(tip: Array, direction: Array) -> Array:
+    """Return a pose (4, 4) at a tip with z along a needle; x is square to the world's axis that it is furthest from."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([x, np.cross(z, x), z, tip])
+    return pose

@@ -1,0 +1,189 @@
+"""Where needle and probe are, by poses that come from trackers and clients in any of a file's coordinate systems."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.pose import rigid
+from .clutch import Clutch
+from .coordinate_frames import TRANSDUCER, WORLD, CoordinateFrames
+from .pose_track import PoseTrack, StampClock
+from .transform_repository import TransformRepository, frames_of
+
+Array = NDArray[np.float64]
+
+NEEDLE, PROBE = "needle", "probe"
+OWNED_S = 2.0
+"""How long a transform stays with the sender that gave it last."""
+
+
+class ToolTracking:
+    """Takes transforms by name and answers where the needle's tip and the probe's face are; from any thread.
+
+    Parameters
+    ----------
+    frames : CoordinateFrames
+    owners : mapping of str to str, optional
+        Transforms that only one source may give, by that source's name.
+    latency_s : mapping of str to float, optional
+        How long before its arrival a pose of a source was true; poses are guessed ahead by it.
+    clock : callable, optional
+        Seconds.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sonospline.link import ScannerNames
+    >>> from sonospline.link.coordinate_frames import CoordinateFrames
+    >>> from sonospline.link.tool_tracking import ToolTracking
+    >>> tracking = ToolTracking(CoordinateFrames(ScannerNames()))
+    >>> tracking.take("NeedleToTracker", np.diag([1.0, -1, -1, 1]), source="aurora")
+    >>> tracking.tip() is None  # where the reference is in the tracker is not known yet
+    True
+    >>> tracking.take("ReferenceToTracker", np.eye(4), source="aurora")
+    >>> tracking.tip().diagonal().tolist()
+    [1.0, -1.0, -1.0, 1.0]
+    """
+
+    def __init__(
+        self,
+        frames: CoordinateFrames,
+        *,
+        owners: dict[str, str] | None = None,
+        latency_s: dict[str, float] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._frames, self._fixed, self._latency, self._clock = frames, owners or {}, latency_s or {}, clock
+        self._lock = threading.RLock()
+        self._known = frames.known.copy()
+        self._tracks: dict[str, PoseTrack] = {}
+        self._clocks: dict[str, StampClock] = {}
+        self._owners: dict[str, tuple[str, float]] = {}
+        self._unseen: set[str] = set()
+        self._clutches = {NEEDLE: Clutch(), PROBE: Clutch()}
+        self._ways = {NEEDLE: (frames.tip, WORLD), PROBE: (TRANSDUCER, WORLD)}
+        self._devices = {NEEDLE: (frames.names.Needle, frames.names.NeedleTip), PROBE: (frames.names.Probe,)}
+
+    def wants(self, name: str) -> bool:
+        """Return whether a transform is about any of the coordinate systems that are known here, and no definition."""
+        try:
+            source, _ = frames_of(name)
+        except ValueError:
+            return False
+        frames = self._frames
+        tools = {frames.needle, frames.probe, frames.tip, TRANSDUCER, frames.reference}
+        return name in self._fixed or ((source in tools or source in frames.known.frames) and name not in frames.known)
+
+    def take(
+        self, name: str, matrix: ArrayLike, *, source: str, stamp_s: float | None = None, seen: bool = True
+    ) -> None:
+        """Take a transform.
+
+        Parameters
+        ----------
+        name : str
+            ``NeedleToTracker``, for example.
+        matrix : (4, 4) array_like
+            mm, rigid.
+        source : str
+            Who gives it; another who gave it within two seconds is asked first.
+        stamp_s : float, optional
+            By the sender's clock.
+        seen : bool, default: True
+            Whether the tracker sees the tool; where not, the matrix means nothing and the tool stays where it was.
+
+        Raises
+        ------
+        ValueError
+            Not rigid, somebody else's, or in contradiction to what is known.
+        """
+        now = self._clock()
+        with self._lock:
+            self._own(name, source, now)
+            if not seen:
+                self._unseen.add(name)
+                return
+            pose = rigid(name, matrix)
+            self._known.set(name, pose)
+            self._unseen.discard(name)
+            measured = self._clocks.setdefault(source, StampClock()).measured(stamp_s, now)
+            self._tracks.setdefault(name, PoseTrack()).add(pose, measured - self._latency.get(source, 0.0))
+
+    def tip(self) -> Array | None:
+        """Return the pose of the needle's tip in the simulator's world; None where it is not known."""
+        return self._tool(NEEDLE)
+
+    def face(self) -> Array | None:
+        """Return the pose of the middle of the probe's face."""
+        return self._tool(PROBE)
+
+    def clutch(self, tool: str, is_open: bool) -> None:
+        """Open or close the clutch between a hand and ``needle`` or ``probe``."""
+        if tool not in self._clutches:
+            raise ValueError(f"tool = {tool!r} has no clutch; give {' or '.join(self._clutches)}")
+        with self._lock:
+            clutch = self._clutches[tool]
+            self._tool(tool)  # where the hand is now
+            clutch.open() if is_open else clutch.close()
+
+    @property
+    def missing(self) -> frozenset[str]:
+        """Devices whose tool a tracker does not see now."""
+        with self._lock:
+            found = [
+                device
+                for tool, devices in self._devices.items()
+                for device in devices
+                if self._unseen & self._names_on(self._ways[tool])
+            ]
+        return frozenset(found)
+
+    @property
+    def moving(self) -> TransformRepository:
+        """What is known: definitions, and the newest of what came."""
+        with self._lock:
+            return self._known.copy()
+
+    def _own(self, name: str, source: str, now: float) -> None:
+        fixed = self._fixed.get(name)
+        if fixed not in (None, source):
+            raise ValueError(f"{source} comes second, {fixed} is the source of {name}")
+        owner, since = self._owners.get(name, (source, 0.0))
+        if owner != source and now - since < OWNED_S:
+            raise ValueError(f"{source} comes second, {name} is in the hand of {owner}")
+        self._owners[name] = (source, now)
+
+    def _tool(self, tool: str) -> Array | None:
+        source, target = self._ways[tool]
+        with self._lock:
+            if not self._is_tracked(tool):
+                return None
+            known = self._known if not self._latency else self._ahead(self._names_on(self._ways[tool]))
+            return self._clutches[tool].tool(rigid(tool, known.get(f"{source}To{target}")))
+
+    def _is_tracked(self, tool: str) -> bool:
+        """Whether a way leads from the tool to the world over something that came: definitions alone say nothing."""
+        return bool(self._names_on(self._ways[tool]) & self._tracks.keys())
+
+    def _names_on(self, ends: tuple[str, str]) -> set[str]:
+        way = self._known.way(*ends) or []
+        steps = [*pairwise(way)]
+        return {f"{a}To{b}" for a, b in steps} | {f"{b}To{a}" for a, b in steps}
+
+    def _ahead(self, names: set[str]) -> TransformRepository:
+        """What will be now, by the motion of what has come a while ago."""
+        known, now = self._known.copy(), self._clock()
+        for name in names & self._tracks.keys():
+            source = self._owners[name][0]
+            if self._latency.get(source, 0.0) > 0:
+                known.set(name, self._tracks[name].at(now))
+        return known
+
+    def __repr__(self) -> str:
+        return f"ToolTracking({', '.join(self._tracks) or 'nothing came'})"
