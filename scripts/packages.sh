@@ -76,6 +76,7 @@ look_for() {
                 has_fenicsx || lacks "$fenicsx" "the paper's finite element engine" "without DOLFINx" ;;
             openigtlink)
                 has_openigtlink || lacks "$openigtlink" "the C++ library of OpenIGTLink, for its tests" "without OpenIGTLink's C++ library" ;;
+            postgresql) has_postgresql || lacks postgresql "a database server, for the lab's tests" "without PostgreSQL" ;;
         esac
     done
 }
@@ -113,6 +114,8 @@ has_fenicsx() {
 
 openigtlink="libopenigtlink-dev openigtlink-examples"
 has_openigtlink() { [ -d /usr/include/openigtlink ] && [ -d /usr/share/doc/openigtlink-examples/examples ]; }
+
+has_postgresql() { compgen -G "/usr/lib/postgresql/*/bin/pg_ctl" >/dev/null; }
 
 # provide PART...: install what they lack, or say what is done without.
 provide() {

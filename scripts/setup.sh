@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Everything that ./run, ./test and make need, made once: .venv, the page, and the system's packages for them.
-#   scripts/setup.sh [--no-install] PART...    parts: run, dev, page, browser, fenicsx, openigtlink
+#   scripts/setup.sh [--no-install] PART...    parts: run, dev, page, browser, fenicsx, openigtlink,
+#                                            postgresql
 # A part that is ready costs a moment. What an interrupted start left is mended by the next one; two at once take turns.
 
 here=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -194,6 +195,8 @@ fresh_fenicsx() { has_fenicsx; }
 make_fenicsx() { :; }
 fresh_openigtlink() { has_openigtlink; }
 make_openigtlink() { :; }
+fresh_postgresql() { has_postgresql; }
+make_postgresql() { :; }
 
 if [ "${BASH_SOURCE[0]}" = "$0" ]; then
     set -euo pipefail

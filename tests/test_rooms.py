@@ -25,6 +25,7 @@ FLOORS = (
     {"fem", "ultrasound"},
     {"simulator", "igtl"},
     {"training"},
+    {"lab"},
     {"link"},
     {"server"},
     {"bench"},

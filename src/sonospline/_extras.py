@@ -25,6 +25,8 @@ PROVIDES = {
     "websockets": "serve",
     "playwright": "bench",
     "mcap": "record",
+    "sqlalchemy": "lab",
+    "pyarrow": "lab",
 }
 """Module -> the extra that brings it."""
 
