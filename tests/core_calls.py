@@ -87,7 +87,7 @@ def ultrasound():
             recorded.update({"EchoScene.choose": dict(signature(choose).bind(*a).arguments)}) or choose(*a)
         )
         grid = Grid.covering((24, 12, 24), nodes=600)
-        seen = aim(phantom, optics, pose, grid, 1.0, 3)
+        seen = aim(phantom, optics, pose, grid, 1.0, 3, diffuse=True)
     finally:
         core.active = active
     recorded["BmodePlan.aim"] = seen._asdict()
@@ -101,6 +101,12 @@ def ultrasound():
         "noise_level": 0.1,
         "offset_db": singles(160),
         "range_db": 60.0,
+        "wide": singles(9, 160, 2),
+        "wide_scale": singles(160),
+        "haze": singles(32, 40, 2),
+        "texture": singles(32, 160, 2),
+        "tail_level": 0.01,
+        "tail_keep": 0.9,
     }
     return recorded
 

@@ -286,6 +286,7 @@ MAKERS = {
     simulator.SimulatedFrame: lambda: session().step(),
 }
 LEFT_OUT = {
+    ultrasound.Artefacts,  # levels, all of them scalars
     *(
         link.ForceDevice,
         link.ForceLoop,

@@ -252,7 +252,7 @@ def test_an_image_that_fails_leaves_no_trace_in_the_next(monkeypatch):
     fresh = Scanner(phantom, LINEAR, scanner.probe_to_reference, margin_mm=2.0)
     scanner.render(pushed(1.0))
     with monkeypatch.context() as broken:
-        broken.setattr("sonospline.ultrasound.synthesis.aim", lambda *_: 1 / 0)
+        broken.setattr("sonospline.ultrasound.aimed.aim", lambda *_, **__: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             scanner.render(pushed(9.0))
     assert np.array_equal(scanner.render(pushed(9.0)).iq, fresh.render(pushed(9.0)).iq)

@@ -16,16 +16,20 @@ from ..geometry.plane import ImagePlane
 from ..geometry.pose import facing
 from ..io.labels import warn_of_labels
 from ..io.volumes import read_volume
+from ..ultrasound.artefacts import Artefacts
+from ..ultrasound.display import Display
 from ..ultrasound.frame import Frame
 from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.phantom_file import read_phantom
 from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
-from ..ultrasound.synthesis import Display, Scanner
+from ..ultrasound.synthesis import Scanner
 from . import _points
 
 Array = NDArray[np.float64]
+
+_NOISE_DB = -70.0
 
 
 class View(NamedTuple):
@@ -75,8 +79,12 @@ def _scanned(args: argparse.Namespace) -> View:
     if args.origin is not None:
         look, right = _direction(args, "look", "0,0,1"), _direction(args, "right", "1,0,0")
         pose = facing(_points.parse("origin", args.origin), depth=look, right=right)
-    display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range)
-    scanner = Scanner(phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed)
+    noise = Display().noise_db if args.clean else _NOISE_DB
+    display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range, noise_db=noise)
+    scanner = Scanner(
+        phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed,
+        artefacts=Artefacts.none() if args.clean else Artefacts(),
+    )  # fmt: skip
     return View(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
 
 

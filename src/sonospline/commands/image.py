@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     probe.add_argument("--depth", type=float, metavar="MM", help="depth of the image")
     probe.add_argument("--gain", type=float, default=0.0, metavar="DB", help="added gain (0)")
     probe.add_argument("--dynamic-range", type=float, default=60.0, metavar="DB", help="black to white (60)")
+    probe.add_argument("--clean", action="store_true", help="clean beams: no clutter, haze or rough surfaces")
     needle = parser.add_argument_group("needle")
     _options.add_path(needle)
     needle.add_argument("--needle", default="trocar", choices=tuple(LOOKS), help="how it looks (trocar)")

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
+from ..ultrasound.artefacts import Artefacts
+from ..ultrasound.display import Display
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
 from ..ultrasound.optics import picture_plane
 from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer
-from ..ultrasound.synthesis import Display, Scanner
+from ..ultrasound.synthesis import Scanner
 from .command import ImageSettings
 
 Array = NDArray[np.float64]
@@ -55,10 +57,20 @@ class SyntheticImager(Imager):
 
     @classmethod
     def of(
-        cls, phantom: Phantom, probe: Probe, probe_to_reference: Array, *, display: Display, echo: NeedleEcho
+        cls,
+        phantom: Phantom,
+        probe: Probe,
+        probe_to_reference: Array,
+        *,
+        display: Display,
+        echo: NeedleEcho,
+        artefacts: Artefacts,
     ) -> SyntheticImager:
         """Return the imager of a phantom."""
-        scanner = Scanner(phantom, probe, probe_to_reference, display=display, needle_echo=echo, margin_mm=_MARGIN_MM)
+        scanner = Scanner(
+            phantom, probe, probe_to_reference, display=display, needle_echo=echo, artefacts=artefacts,
+            margin_mm=_MARGIN_MM,
+        )  # fmt: skip
         return cls(scanner, probe_to_reference)
 
     def aimed(self, probe: Probe, probe_to_reference: Array) -> SyntheticImager:
@@ -66,7 +78,7 @@ class SyntheticImager(Imager):
         if probe == self.probe:
             return SyntheticImager(old.moved(probe_to_reference), probe_to_reference)
         return SyntheticImager.of(
-            old.phantom, probe, probe_to_reference, display=old.display, echo=old.needle_echo
+            old.phantom, probe, probe_to_reference, display=old.display, echo=old.needle_echo, artefacts=old.artefacts
         )  # fmt: skip
 
     def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:

@@ -19,12 +19,13 @@ from ..io.volumes import read_volume
 from ..mechanics.material_table import MaterialTable, read_label_names
 from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
+from ..ultrasound.artefacts import Artefacts
+from ..ultrasound.display import Display
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
 from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
-from ..ultrasound.synthesis import Display
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
 from .phantoms import PHANTOMS
 from .scene_file import SceneFile
@@ -115,8 +116,11 @@ def _volume(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
 
 def _synthetic(spec: SceneFile, phantom: Phantom) -> Callable[[Probe, Array], Imager]:
     shown = spec.display
-    display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db)
-    return partial(SyntheticImager.of, phantom, display=display, echo=LOOKS[spec.needle.look]())
+    display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db, noise_db=shown.noise_db)
+    artefacts = Artefacts() if shown.artefacts else Artefacts.none()
+    return partial(
+        SyntheticImager.of, phantom, display=display, echo=LOOKS[spec.needle.look](), artefacts=artefacts
+    )  # fmt: skip
 
 
 def _materials(spec: SceneFile, folder: Path) -> MaterialTable:

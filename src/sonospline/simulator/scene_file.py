@@ -115,6 +115,8 @@ class DisplayPart(Record, frozen=True, kw_only=True):
 
     gain_db: Annotated[float, about("added to the scanner's own gain", low=-60.0, high=60.0)] = 0.0
     range_db: Annotated[float, about("black to white", low=20.0, high=100.0)] = 60.0
+    noise_db: Annotated[float, about("electronic noise over liver at the skin", low=-200.0, high=0.0)] = -70.0
+    artefacts: Annotated[bool, about("clutter, haze, rough surfaces and walls, as real images have them")] = True
     tolerance_mm: Annotated[float, about("tip to target that counts as on target", low=0.1, high=50.0)] = 3.0
 
 

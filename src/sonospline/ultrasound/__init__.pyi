@@ -1,9 +1,11 @@
 from .acoustics import TISSUES as TISSUES
 from .acoustics import AcousticTissue as AcousticTissue
+from .artefacts import Artefacts as Artefacts
 from .bmode import BMode as BMode
 from .dicom import Clip as Clip
 from .dicom import Region as Region
 from .dicom import read_dicom as read_dicom
+from .display import Display as Display
 from .frame import Frame as Frame
 from .kidney import KidneyPhantom as KidneyPhantom
 from .kidney import kidney_phantom as kidney_phantom
@@ -12,5 +14,4 @@ from .phantom import Phantom as Phantom
 from .probe import Probe as Probe
 from .reslice import Reslicer as Reslicer
 from .reslice import swept as swept
-from .synthesis import Display as Display
 from .synthesis import Scanner as Scanner

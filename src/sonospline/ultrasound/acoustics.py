@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -45,6 +45,11 @@ class AcousticTissue:
         Correlation length of that along the phantom's axes.
     source : str, default: ""
         Where the numbers come from.
+    roughness_db : float, default: -15
+        Diffuse echo of its surface below that of a mirror, -12 (rough) to -18 (smooth); of two tissues, the
+        rougher counts. Set by eye.
+    wall_mm : float, default: 0
+        Thickness of the wall around it, where it is a fluid: of a vessel, a bladder.
     """
 
     name: str
@@ -55,16 +60,21 @@ class AcousticTissue:
     texture_db: float = 0.0
     texture_mm: tuple[float, float, float] = (3.0, 3.0, 3.0)
     source: str = field(default="", repr=False)
+    roughness_db: float = -15.0
+    wall_mm: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("speed_m_s", "density_kg_m3"):
             _validate.number(name, getattr(self, name), positive=True)
-        for name in ("attenuation_db_cm_mhz", "texture_db"):
+        for name in ("attenuation_db_cm_mhz", "texture_db", "wall_mm"):
             _validate.number(name, getattr(self, name))
         if not NO_ECHO <= self.backscatter_db <= 40:
             raise ValueError(
                 f"backscatter_db = {self.backscatter_db} of {self.name}; give {NO_ECHO:g} to 40 dB re liver"
             )
+
+        if not -60 <= self.roughness_db <= 0:
+            raise ValueError(f"roughness_db = {self.roughness_db} of {self.name}; give -60 to 0 dB below a mirror")
 
     @property
     def impedance(self) -> float:
@@ -117,7 +127,20 @@ _DEFAULTS = (
     _tissue("soft tissue", 1560, 1050, 0.7, -4, "mean of muscle and organs [2]; level set", 2.0, (5, 5, 3)),
 )
 
-TISSUES: dict[str, AcousticTissue] = {tissue.name: tissue for tissue in _DEFAULTS}
+_ROUGHNESS_DB = {
+    "gel": -18.0, "skin": -14.0, "fat": -13.0, "muscle": -13.0, "fascia": -13.0, "bone": -14.0, "gas": -12.0,
+    "perirenal fat": -14.0, "sinus fat": -13.0, "bowel wall": -12.0, "liver": -16.0, "spleen": -16.0,
+    "kidney cortex": -15.0, "urine": -18.0, "blood": -18.0, "vessel wall": -17.0,
+}  # fmt: skip
+_WALL_MM = {"urine": 0.8, "blood": 0.8}
+"""Urothelium and the wall of a middling vessel: set by eye."""
+
+TISSUES: dict[str, AcousticTissue] = {
+    tissue.name: replace(
+        tissue, roughness_db=_ROUGHNESS_DB.get(tissue.name, -15.0), wall_mm=_WALL_MM.get(tissue.name, 0.0)
+    )
+    for tissue in _DEFAULTS
+}
 """The default table, by name."""
 
 _COLUMNS = ("name", "speed_m_s", "density_kg_m3", "attenuation_db_cm_mhz", "backscatter_db", "texture_db", "source")

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..geometry import pose
 from ..geometry.grid import Grid
-from .optics import RAY_SAMPLES, RAYS, Optics
+from .interfaces import WIDTH
+from .optics import Optics
 from .phantom import Phantom
 from .scatterers import PER_BRICK
 
@@ -36,27 +37,44 @@ class Aim(NamedTuple):
     label_index: Array
     loss_db: NDArray[np.float32]
     impedance: NDArray[np.float32]
+    surface_starts: NDArray[np.int32]
+    """(cells + 1,) first of the scatterers on surfaces, which are the last of each cell."""
+    surfaces: NDArray[np.float32]
+    """(5, surfaces) normal along the lattice's axes times its spacing; amplitude of mirror and of scatter."""
+    surface_width: float
 
 
-def aim(phantom: Phantom, optics: Optics, transform: Array, grid: Grid, margin_mm: float, seed: int) -> Aim:
+def aim(
+    phantom: Phantom,
+    optics: Optics,
+    transform: Array,
+    grid: Grid,
+    margin_mm: float,
+    seed: int,
+    *,
+    diffuse: bool = False,
+    power: Array | None = None,
+) -> Aim:
     """Return the scatterers within a slice and ``margin_mm`` around it, and the rays that attenuation is traced along.
 
-    Cells go on beyond the grid, where the displacement is that of its nearest point.
+    Cells go on beyond the grid, where the displacement is that of its nearest point. Surfaces echo in proportion to
+    the root of ``power``, the probe's own speckle by default.
     """
     lattice, spacing = phantom.labels.lattice, np.array(grid.spacing)
     to_image, origin = transform[:3, :3].T, transform[:3, 3]
     to_cell = grid.direction.T / spacing[:, None]
-    frames, nodes, starts, place, amplitude, amplitude_step = phantom.echoes.choose(
+    frames, nodes, starts, place, amplitude, amplitude_step, surface_starts, surfaces = phantom.echoes.choose(
         optics.view(margin_mm, PER_BRICK),
         np.column_stack([to_image @ lattice.direction, to_image @ (lattice.origin - origin)]),
         np.column_stack([to_cell @ lattice.direction, to_cell @ (lattice.origin - grid.origin)]),
         np.column_stack([to_image @ grid.direction * spacing, to_image @ (grid.origin - origin)]),
         grid.shape,
         grid.spacing,
-        optics.speckle_power,
+        optics.speckle_power if power is None else power,
         seed,
+        diffuse,
     )
-    two_way = 2 * optics.probe.frequency_mhz * optics.probe.depth_mm / RAY_SAMPLES / 10
+    two_way = 2 * optics.probe.frequency_mhz * optics.probe.depth_mm / optics.ray_samples / 10
     return Aim(
         frames,
         nodes,
@@ -69,17 +87,20 @@ def aim(phantom: Phantom, optics: Optics, transform: Array, grid: Grid, margin_m
         _label_index(phantom, grid),
         (two_way * phantom.table("attenuation_db_cm_mhz")).astype(np.float32),
         phantom.table("impedance").astype(np.float32),
+        surface_starts,
+        surfaces,
+        WIDTH,
     )
 
 
 def _rays(optics: Optics, transform: Array, grid: Grid) -> tuple[Array, Array]:
     """Middle of the first coarse sample of each coarse beam, and the step, in the lattice's coordinates."""
     probe = optics.probe
-    step = probe.depth_mm / RAY_SAMPLES
-    line = np.linspace(0, probe.lines - 1, RAYS)
+    rays, step = optics.rays, probe.depth_mm / optics.ray_samples
+    line = np.linspace(0, probe.lines - 1, rays)
     ends = [
         grid.local(
-            pose.to_reference(transform, probe.image_points(np.column_stack([np.full(RAYS, r), line, np.zeros(RAYS)])))
+            pose.to_reference(transform, probe.image_points(np.column_stack([np.full(rays, r), line, np.zeros(rays)])))
         )
         for r in (0.5 * step, 1.5 * step)
     ]

@@ -16,10 +16,10 @@ _LARGEST_STEP = 0.5
 """Bone and gas reflect more; beyond this, brightness says nothing new."""
 _POINTS_PER_MM2 = 6.0
 _GAIN = 6.5
-_WIDTH = 7.0
+WIDTH = 7.0
 """Echo over speckle: R g exp(-7 sin^2 theta) for each of six points a mm^2."""
 _FAINTEST = 0.02
-NUMBERS = (_SMOOTHING_VOXELS, _SMALLEST_STEP, _LARGEST_STEP, _POINTS_PER_MM2, _GAIN, _WIDTH, _FAINTEST)
+NUMBERS = (_SMOOTHING_VOXELS, _SMALLEST_STEP, _LARGEST_STEP, _POINTS_PER_MM2, _GAIN, WIDTH, _FAINTEST)
 """As the core takes them."""
 
 

@@ -41,6 +41,9 @@ class Optics:
     """
 
     probe: Probe
+    rays: int = RAYS
+    ray_samples: int = RAY_SAMPLES
+    points_per_beam: int = _POINTS_PER_BEAM
 
     @property
     def half_sample_mm(self) -> float:
@@ -102,7 +105,7 @@ class Optics:
         """How many points on an interface look smooth to the probe: so many in a beam at its narrowest."""
         probe = self.probe
         narrowest = probe.lateral_fwhm(np.linspace(0, probe.depth_mm, 200)).min() * probe.elevation_mm
-        return float(_POINTS_PER_BEAM / narrowest)
+        return float(self.points_per_beam / narrowest)
 
     def view(self, margin_mm: float, per_brick: int) -> tuple[float, ...]:
         """Return what the core chooses scatterers by, for displacements up to ``margin_mm``."""
@@ -114,6 +117,7 @@ class Optics:
             float(probe.elevation_sigma(probe.elevation_focus_mm)), probe.elevation_spread, probe.elevation_focus_mm,
             ELEVATION_CUT, self._cell_mm2, probe.f_number, probe.active_aperture_mm, margin_mm,
             (per_brick / finest) ** (1 / 3), probe.sample_mm, self._points_per_mm2,
+            float(probe.lateral_sigma(0.0)) / probe.f_number,
         )  # fmt: skip
         return tuple(float(number) for number in numbers)
 
@@ -128,9 +132,9 @@ class Optics:
 
     def shadow_smoothing(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return, for each line, the first coarse beam and the weights that blur shadows across the aperture."""
-        line = np.arange(self.probe.lines) * (RAYS - 1) / (self.probe.lines - 1)
+        line = np.arange(self.probe.lines) * (self.rays - 1) / (self.probe.lines - 1)
         half = int(np.ceil(3 * _APERTURE_RAYS))
-        first = np.clip(np.rint(line).astype(np.int32) - half, 0, RAYS - 2 * half - 1)
+        first = np.clip(np.rint(line).astype(np.int32) - half, 0, self.rays - 2 * half - 1)
         at = first[:, None] + np.arange(2 * half + 1)
         weights = np.exp(-0.5 * ((at - line[:, None]) / _APERTURE_RAYS) ** 2)
         return first.astype(np.int32), (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
@@ -147,7 +151,7 @@ class Optics:
         return _core.active.BmodePlan(
             tuple(float(value) for value in geometry),
             probe.curved, probe.lines, probe.samples, self.axial.astype(np.float32),
-            np.ascontiguousarray(self.lateral, np.float32), RAYS, RAY_SAMPLES, first, smoothing, scan.pixel,
+            np.ascontiguousarray(self.lateral, np.float32), self.rays, self.ray_samples, first, smoothing, scan.pixel,
             scan.fraction,
         )  # fmt: skip
 

@@ -122,8 +122,7 @@ class Phantom(ByValue):
         """The core's part of the phantom, which chooses scatterers; made once for each backend."""
         backend = _core.backend()
         if backend not in self._echoes:
-            tables = (self.table(name) for name in ("impedance", "backscatter_db", "texture_db", "texture_mm"))
-            self._echoes[backend] = echo_scene(self.bytes, self.labels.lattice.spacing, *tables)
+            self._echoes[backend] = echo_scene(self.bytes, self.labels.lattice.spacing, self.table)
         return self._echoes[backend]
 
     @cached_property

@@ -9,6 +9,7 @@ would let intensities vary too much, even ones alone 7 % too little: one scatter
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .acoustics import NO_ECHO
+from .acoustics import NO_ECHO, TISSUES
 from .interfaces import NUMBERS
 
 Array = NDArray[np.float64]
@@ -31,19 +32,14 @@ _TEXTURE_VOXELS = 3.0
 _SOBOL_BITS = 24
 
 
-def echo_scene(
-    labels: NDArray[np.uint8],
-    spacing: tuple[float, float, float],
-    impedance: Array,
-    level_db: Array,
-    texture_db: Array,
-    texture_mm: Array,
-) -> Any:
-    """Return the core's phantom, which chooses scatterers: a label map and tables (256,) or (256, 3) by label."""
+def echo_scene(labels: NDArray[np.uint8], spacing: tuple[float, float, float], table: Callable[[str], Array]) -> Any:
+    """Return the core's phantom, which chooses scatterers: a label map and, by label, each property of its tissue."""
     places, signs = _patterns()
+    rough, texture_step = 10 ** (table("roughness_db") / 20), _TEXTURE_VOXELS / table("texture_mm")
     return _core.active.EchoScene(
-        labels, spacing, impedance, level_db, texture_db, np.ascontiguousarray(_TEXTURE_VOXELS / texture_mm),
-        _texture(), places, signs, NUMBERS, NO_ECHO,
+        labels, spacing, table("impedance"), rough, table("wall_mm"), TISSUES["vessel wall"].impedance,
+        table("backscatter_db"), table("texture_db"), np.ascontiguousarray(texture_step), _texture(), places, signs,
+        NUMBERS, NO_ECHO,
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,11 @@ from ..geometry.needle import Needle
 from ..geometry.volume import Volume
 from . import needle_synthesis
 from .acoustics import AcousticTissue
-from .aim import aim
+from .aimed import Aimed
+from .artefacts import Artefacts
 from .bmode import BMode
+from .clutter import Clutter
+from .display import Display
 from .frame import Frame
 from .needle_echo import NeedleEcho
 from .optics import Optics, Scan, picture_plane
@@ -37,35 +40,6 @@ logger = logging.getLogger(__name__)
 
 _NOISE_TILES = 4
 _LARGEST_SEED = 2**64 - 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Display:
-    """The scanner's knobs.
-
-    Parameters
-    ----------
-    gain_db : float, default: -31
-        Grey level of everything; -31 shows liver at the surface in the middle of a 60 dB range.
-    range_db : float, default: 60
-        Dynamic range from black to white.
-    tgc_db_cm_mhz : float, default: 0.6
-        Attenuation that time-gain compensation makes up for, one way.
-    noise_db : float, default: -76
-        Electronic noise relative to liver speckle at the surface.
-    """
-
-    gain_db: float = -31.0
-    range_db: float = 60.0
-    tgc_db_cm_mhz: float = 0.6
-    noise_db: float = -76.0
-
-    def __post_init__(self) -> None:
-        _validate.number("range_db", self.range_db, positive=True)
-        _validate.number("tgc_db_cm_mhz", self.tgc_db_cm_mhz)
-        for name in ("gain_db", "noise_db"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} = {getattr(self, name)} is not finite; give dB")
 
 
 class Scanner:
@@ -89,6 +63,8 @@ class Scanner:
         Gain, dynamic range, time-gain compensation, noise.
     needle_echo : NeedleEcho, optional
         How the needle looks; by default a trocar.
+    artefacts : Artefacts, optional
+        What a real image shows beyond clean beams; by default nothing.
     picture_shape : (int, int), optional
         Rows and columns of the picture; by default 512 along its longer side.
     seed : int, default: 0
@@ -122,6 +98,7 @@ class Scanner:
         tissues: Mapping[int, AcousticTissue | str] | None = None,
         display: Display | None = None,
         needle_echo: NeedleEcho | None = None,
+        artefacts: Artefacts | None = None,
         picture_shape: tuple[int, int] | None = None,
         seed: int = 0,
         margin_mm: float = 3.0,
@@ -131,6 +108,9 @@ class Scanner:
         self.phantom = as_phantom(phantom, tissues)
         self.display = Display() if display is None else display
         self.needle_echo = NeedleEcho.trocar() if needle_echo is None else needle_echo
+        self.artefacts = Artefacts.none() if artefacts is None else artefacts
+        if not isinstance(self.artefacts, Artefacts):
+            raise ValueError(f"artefacts = {shown(artefacts)} are none; give Artefacts(), or leave them out")
         self.seed = _validate.count("seed", seed, least=0)
         if seed > _LARGEST_SEED:
             raise ValueError(f"seed = {seed} is too large; give at most {_LARGEST_SEED}")
@@ -147,7 +127,7 @@ class Scanner:
         other = self._twin()
         other.probe_to_reference = pose.rigid("probe_to_reference", probe_to_reference)
         other.plane = picture_plane(self.probe, other.probe_to_reference, self.plane.shape)
-        other._aimed = _Aimed(self.optics.plan(self._scan), self._aimed.margin_mm)
+        other._aimed, other._clutter = self._aimed.anew(self._scan), self._clutter.moved()
         return other
 
     def with_probe(self, probe: Probe) -> Scanner:
@@ -197,16 +177,23 @@ class Scanner:
         if not np.isfinite(largest):
             logger.warning("the field contains NaN or infinity; the tissue is shown undeformed")
             grid_field, largest = self._still, 0.0
-        if grid_field.grid is not self._aimed.grid or largest > self._aimed.margin_mm:
-            self._aim(grid_field.grid, largest)
+        self._look(grid_field, largest)
         echoes, shadow = self._seen(needles)
         noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
         iq, grey, picture = self._aimed.plan.render(
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_synthesis.SHADOW_SOFT_MM,
             noise[start:], self._noise_level, self._offset_db, self.display.range_db,
+            *self._clutter.heard(
+                self.phantom, self.probe_to_reference, grid_field, largest, (echoes, shadow), noise,
+            ),
         )  # fmt: skip
-        return BMode(Frame(picture, self.plane, self._scan.fan), grey, iq.view(np.complex64)[..., 0], self.optics)
+        return BMode(
+            Frame(self.display.mapped(picture), self.plane, self._scan.fan),
+            grey,
+            iq.view(np.complex64)[..., 0],
+            self.optics,
+        )
 
     def _seen(self, needles: tuple[Needle, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Echoes of needles, and the shadow of all: it begins with the nearest."""
@@ -223,7 +210,7 @@ class Scanner:
         left = np.multiply.reduce([shadow[1] for shadow in shadows])
         return np.concatenate([echoes for echoes, _ in found]), np.stack([begins, left])
 
-    def with_display(self, **settings: float) -> Scanner:
+    def with_display(self, **settings: Any) -> Scanner:
         """Return the scanner with some knobs of its :class:`Display` turned; nothing is computed anew."""
         other = self._twin()
         other.display = replace(self.display, **settings)
@@ -240,29 +227,20 @@ class Scanner:
         other.__dict__.update(self.__dict__)
         return other
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_aimed": self._aimed.margin_mm}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._aimed = _Aimed(self.optics.plan(self._scan), state["_aimed"])
-
     def _use(self, probe: Probe, picture_shape: tuple[int, int] | None, margin_mm: float) -> None:
         self.probe, self.optics = probe, Optics(probe)
         self.plane = picture_plane(probe, self.probe_to_reference, picture_shape)
         self._scan = Scan.of(probe, self.plane)
-        self._aimed = _Aimed(self.optics.plan(self._scan), margin_mm)
+        self._aimed = Aimed(self.optics, self._scan, margin_mm)
+        self._clutter = Clutter(self.artefacts, self.optics, margin_mm, self.seed)
 
-    def _aim(self, grid: Grid, largest_mm: float) -> None:
-        """Choose the scatterers that may come into the slice, and sort them by the grid's cells."""
-        aimed = self._aimed
-        margin = 1.5 * largest_mm if largest_mm > aimed.margin_mm else aimed.margin_mm
-        seen = aim(self.phantom, self.optics, self.probe_to_reference, grid, margin, self.seed)
-        if not len(seen.frames):
+    def _look(self, field: GridField, largest_mm: float) -> None:
+        sees = self._aimed.look(
+            self.phantom, self.probe_to_reference, field, largest_mm, self.seed,
+            diffuse=self.artefacts.diffuse, power=self.optics.speckle_power,
+        )  # fmt: skip
+        if not sees:
             logger.warning("the probe sees nothing: its plane misses the phantom, or all of it is fluid")
-        aimed.grid = None  # should the plan fail half way, the next image aims anew
-        aimed.plan.aim(*seen)
-        aimed.grid, aimed.margin_mm = grid, margin
 
     @cached_property
     def _still(self) -> GridField:
@@ -282,9 +260,7 @@ class Scanner:
 
     @cached_property
     def _offset_db(self) -> NDArray[np.float32]:
-        """What brings the log of |s|^2 to the display: the speckle's own power taken out, TGC and gain added."""
-        tgc = 2 * self.display.tgc_db_cm_mhz * self.probe.frequency_mhz * self.probe.ranges / 10
-        return (tgc - 10 * np.log10(self.optics.speckle_power) + self.display.gain_db).astype(np.float32)
+        return self.display.offset_db(self.probe, self.optics.speckle_power)
 
 
 def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Needle, ...]]:
@@ -295,15 +271,6 @@ def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Need
         return deformed.field, tuple(needle for _, needle in deformed.state.needles)
     except AttributeError:
         raise ValueError(f"deformed = {shown(deformed)} is no Field and no Response; give one, or nothing") from None
-
-
-@dataclass
-class _Aimed:
-    """The core's plan and what it was made for; shared by scanners that differ in their display alone."""
-
-    plan: Any
-    margin_mm: float
-    grid: Grid | None = None
 
 
 @lru_cache(maxsize=2)

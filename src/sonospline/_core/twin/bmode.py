@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checks import numbered, require, require_spacing
+from .clutter import add_clutter, require_clutter
+from .surfaces import reflected
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -16,6 +18,7 @@ _BIN_PAD = 64
 _MOST_SAMPLES = 1 << 26  # of all lines
 _SLACK = 64
 _FRAME_NUMBERS = 16
+_SURFACE_NUMBERS = 5
 _MOST_LOSS_DB = 60.0
 _BLOCK = 65536  # scatterers at once
 
@@ -88,6 +91,9 @@ class BmodePlan:
         label_index: Array,
         loss_db: Floats,
         impedance: Floats,
+        surface_starts: NDArray[np.int32],
+        surfaces: Floats,
+        surface_width: float,
     ) -> None:
         """Take scatterers by cell, rays and labels."""
         cells = len(nodes)
@@ -101,12 +107,28 @@ class BmodePlan:
             place.shape[1] == len(amplitude) >= count + _SLACK,
             "place and amplitude do not reach 64 beyond the last scatterer, or differ in length",
         )
+        require(
+            len(surface_starts) == cells + 1 and surface_starts[0] == 0, "surface_starts is not (cells + 1), from 0"
+        )
+        each = np.diff(surface_starts)
+        counted = bool(((each >= 0) & (each <= np.diff(starts))).all())
+        require(counted, "surface_starts falls, or counts more than starts in a cell")
+        require(
+            len(surfaces) == _SURFACE_NUMBERS and surfaces.shape[1] >= surface_starts[-1] + _SLACK,
+            "surfaces is not (5, n), or does not reach 64 beyond the last",
+        )
+        require(0 <= surface_width <= 9, "surface_width is not between 0 and 9")
         require(len(ray_start) == self.rays == len(ray_step), "ray_start or ray_step is not (rays, 3)")
         require(nodes.min(initial=0) >= 0, "nodes has a number below 0")
         self._aimed, self._lattice_nodes = True, int(nodes.sum(axis=1, dtype=np.int64).max(initial=-1)) + 1
         self.frames, self.nodes, self.starts = frames, nodes, starts
         self.places = (place[:, :count].astype(np.float32) + np.float32(0.5)) / np.float32(65536)
         self.amplitude = amplitude[:count] * np.float32(amplitude_step)
+        self.amplitude_step, self.surface_width = amplitude_step, surface_width
+        self.surfaces = surfaces[:, : surface_starts[-1]]
+        self.surface_cell = np.repeat(np.arange(cells), each)
+        first = starts[1:] - each  # of a cell's scatterers that lie on surfaces
+        self.surface_at = np.arange(surface_starts[-1]) - np.repeat(surface_starts[:-1] - first, each)
         self.ray_start, self.ray_step = ray_start, ray_step
         self.labels, self.label_index, self.loss_db, self.impedance = labels, label_index, loss_db, impedance
 
@@ -121,6 +143,12 @@ class BmodePlan:
         noise_level: float,
         offset_db: Floats,
         range_db: float,
+        wide: Floats,
+        wide_scale: Floats,
+        haze: Floats,
+        texture: Floats,
+        tail_level: float,
+        tail_keep: float,
     ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint8]]:
         """Return complex beams (lines, samples, 2), their grey levels, and the picture."""
         require(numbered(values.shape[:3], 2), "values has fewer than 2 nodes along an axis, or too many")
@@ -130,6 +158,7 @@ class BmodePlan:
             shadow.shape == (2, self.lines) and len(offset_db) == self.samples,
             "shadow is not (2, lines), or offset_db not (samples)",
         )
+        require_clutter(self.lines, self.samples, wide, wide_scale, haze, texture, tail_level, tail_keep)
         require(self._aimed, "aim first")
         enough = np.prod(values.shape[:3]) >= self._lattice_nodes
         require(enough, "values has fewer nodes than the aim's lattice")
@@ -137,6 +166,7 @@ class BmodePlan:
         beams = self._axial(grid) * self._gain(values, spacing, shadow, shadow_soft_mm)
         tile = noise[: 2 * self.lines * self.samples].reshape(self.lines, self.samples, 2)
         beams = self._lateral(beams) + np.float32(noise_level) * (tile[..., 0] + 1j * tile[..., 1])
+        beams = add_clutter(beams, wide, wide_scale, haze, texture, tail_level, tail_keep)
         power = np.square(beams.real) + np.square(beams.imag)
         level = (10 * np.log10(power + 1e-30) + offset_db + range_db) * (255 / range_db)
         grey = (np.clip(level, 0, 255) + 0.5).astype(np.uint8)
@@ -175,6 +205,7 @@ class BmodePlan:
         """Every echo once, linearly between two lines and two half-samples."""
         row = 2 * self.samples + 2 * _BIN_PAD
         polynomials = self._polynomials(values, spacing)
+        self._reflect(polynomials)
         count = np.where(self._heard(polynomials), np.diff(self.starts), 0)
         cell = np.repeat(np.arange(len(count), dtype=np.int32), count)
         among = np.arange(len(cell)) + np.repeat(self.starts[:-1] - np.cumsum(count) + count, count)
@@ -197,6 +228,26 @@ class BmodePlan:
                 sums[0][moved:] += total[:-moved]
             part[:] = sums[0]
         return grid.reshape(self.lines + 2, row)[1:-1]
+
+    def _reflect(self, c: Floats) -> None:
+        """Amplitudes of the scatterers on surfaces, whose normals the displacement turns."""
+        if not len(self.surface_at):
+            return
+        u, v, w = self.places[:, self.surface_at]
+        c = c[:, :, self.surface_cell]
+        mixed = c[:, 7] * w + c[:, 4]
+        slopes = (
+            mixed * v + (c[:, 5] * w + c[:, 1]),
+            mixed * u + (c[:, 6] * w + c[:, 2]),
+            (c[:, 7] * v + c[:, 5]) * u + (c[:, 6] * v + c[:, 3]),
+        )
+        place = slopes[0] * u + ((c[:, 6] * w + c[:, 2]) * v + (c[:, 3] * w + c[:, 0]))
+        beam = np.zeros_like(place)
+        beam[2] = 1
+        if self.curved:
+            beam[0] = np.clip(place[0] / (place[2] + self.frames[self.surface_cell, 12]), -1, 1)
+        turned = reflected(slopes, beam, self.surfaces, self.surface_width, self.amplitude_step)
+        self.amplitude[self.surface_at] = turned
 
     def _echoes(self, polynomials: Floats, cell: NDArray[np.int32], among: NDArray[np.int64]) -> Any:
         """Line, half-sample, real and imaginary part of some scatterers."""

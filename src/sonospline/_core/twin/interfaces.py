@@ -24,7 +24,7 @@ def find_interfaces(
     largest: float,
     points_per_mm2: float,
 ) -> Found:
-    """Return points (m, 3) in mm from the first voxel, unit normals (m, 3), reflection (m,) and area (m,).
+    """Return points (m, 3) in mm, unit normals (m, 3), reflection and area (m,), labels (m, 2) and a random sign (m,).
 
     Some points per voxel face between labels of different impedance, off its middle by a hash of their place,
     then moved along the normal onto the step of the smoothed impedance: voxel faces themselves would
@@ -41,8 +41,7 @@ def find_interfaces(
         own = slice(first - start, first - start + _SLAB)
         for axis in range(3):
             found.append(_faces(part, smooth, impedance, spacing, axis, start, own, copies, smallest, largest))
-    points, normals, reflection, area = (np.concatenate(kind) for kind in zip(*found, strict=True))
-    return points, normals, reflection, area
+    return tuple(np.concatenate(kind) for kind in zip(*found, strict=True))
 
 
 def largest_face(spacing: Array) -> float:
@@ -71,7 +70,8 @@ def _faces(
     low, high = (labels[tuple(s if a == axis else slice(None) for a in range(3))] for s in (slice(-1), slice(1, None)))
     index = np.argwhere(low[own] != high[own])
     index[:, 0] += own.start
-    z1, z2 = impedance[low[tuple(index.T)]], impedance[high[tuple(index.T)]]
+    parted = np.stack([low[tuple(index.T)], high[tuple(index.T)]], axis=1)
+    z1, z2 = impedance[parted].T
     step = np.abs(z2 - z1) / (z2 + z1)
     kept = step > smallest
     face = np.prod(spacing) / spacing[axis]
@@ -96,18 +96,21 @@ def _faces(
     normal /= slope[:, None]
     shift = np.clip((middle - (before + after) / 2) / slope, -spacing.min(), spacing.min())
     index[:, 0] += start
-    offset = _scattered(index, axis, copies) * spacing
+    key = _hashed(index, axis, copies)
+    bits = [(key >> np.uint64(8 + 16 * a)) & np.uint64(0xFFFF) for a in range(3)]
+    offset = (np.stack(bits, axis=1) / 65536.0 - 0.5) * spacing
     offset[:, axis] = 0
     along = (offset * normal).sum(axis=1)
     points = index * spacing + offset + (shift - along)[:, None] * normal
     points[:, axis] += 0.5 * spacing[axis]
-    return points, normal, np.minimum(step, largest), face / copies * np.abs(normal[:, axis])
+    sign = np.where(key >> np.uint64(63), 1.0, -1.0)
+    area = face / copies * np.abs(normal[:, axis])
+    return points, normal, np.minimum(step, largest), area, np.repeat(parted[kept], copies, axis=0), sign
 
 
-def _scattered(index: NDArray[np.int64], axis: int, copies: int) -> Array:
-    """Offsets (m, 3) in voxels of the points of a face, by a hash of its place."""
+def _hashed(index: NDArray[np.int64], axis: int, copies: int) -> NDArray[np.uint64]:
+    """Hashes (m,) of the points of faces: of offsets within the face, and of signs."""
     number = index.astype(np.uint64) @ np.array([1 << 28, 1 << 14, 1], np.uint64)
     copy = np.tile(np.arange(copies), len(index) // copies).astype(np.uint64)
     key = ((number * np.uint64(3) + np.uint64(axis)) * np.uint64(64) + copy) * np.uint64(0x9E3779B97F4A7C15)
-    key = (key ^ (key >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    return np.stack([(key >> np.uint64(8 + 16 * a)) & np.uint64(0xFFFF) for a in range(3)], axis=1) / 65536.0 - 0.5
+    return (key ^ (key >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)

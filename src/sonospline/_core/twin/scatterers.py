@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .checks import MOST_NODES, numbered, require, require_spacing
 from .interfaces import find_interfaces, interface_copies, largest_face
+from .surfaces import Points, layered, scattered
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -47,6 +48,7 @@ class View(NamedTuple):
     brick_mm: float
     sample_mm: float
     points_per_mm2: float
+    lateral_mm: float
 
     def ranges(self, seen: Array) -> Array:
         """Distance of image points from the probe's face along the beams."""
@@ -79,6 +81,9 @@ class EchoScene:
         labels: NDArray[np.uint8],
         spacing: tuple[float, float, float],
         impedance: Array,
+        rough: Array,
+        wall_mm: Array,
+        wall_impedance: float,
         level_db: Array,
         texture_db: Array,
         texture_step: Array,
@@ -101,22 +106,24 @@ class EchoScene:
             "interfaces is not finite, or smoothing not between 0 and 64 voxels, or points_per_mm2 below 0",
         )
         self.labels, self.spacing, self.impedance = labels, np.array(spacing), impedance
+        self.rough, self.wall_mm, self.wall_impedance = rough, wall_mm, wall_impedance
         self.level_db, self.texture_db, self.texture_step, self.texture = level_db, texture_db, texture_step, texture
         self.places, self.signs, self.numbers, self.no_echo = places, signs, interfaces, no_echo
 
     def interfaces(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Return points (m, 3) in the lattice's coordinates, normals (m, 3), reflection (m,), area (m,) in mm^2."""
-        return self._interfaces
+        points, normals, reflection, area = (np.ascontiguousarray(p, np.float32) for p in self._interfaces[:4])
+        return points, normals, reflection, area
 
     def prepare(self) -> None:
         """Find all interfaces before a view asks for them."""
         self.interfaces()
 
     @cached_property
-    def _interfaces(self) -> tuple[Floats, Floats, Floats, Floats]:
+    def _interfaces(self) -> Points:
         found = find_interfaces(self.labels, self.spacing, self.impedance, *self.numbers[:4])
-        points, normals, reflection, area = (np.ascontiguousarray(part, np.float32) for part in found)
-        return points, normals, reflection, area
+        points, normals, reflection, area = (part.astype(np.float32) for part in found[:4])
+        return Points(points, normals, reflection, area, *found[4:])
 
     def choose(
         self,
@@ -128,12 +135,14 @@ class EchoScene:
         spacing: tuple[float, float, float],
         power: Array,
         seed: int,
-    ) -> tuple[Floats, NDArray[np.int32], NDArray[np.int32], NDArray[np.uint16], NDArray[np.int16], float]:
-        """Return frames, nodes, starts, place, amplitude and its step, as ``BmodePlan.aim`` takes them.
+        diffuse: bool,
+    ) -> tuple[Any, ...]:
+        """Return what ``BmodePlan.aim`` takes: frames, nodes, starts, place, amplitude, step, and the surfaces.
 
         ``to_image`` and ``to_cell`` (3, 4) take positions in the lattice's coordinates (mm) to image coordinates
         and to cells of a displacement lattice of ``shape`` and ``spacing``, ``cell_to_image`` the latter to the
-        former; ``power`` is that of speckle at each sample.
+        former; ``power`` is that of speckle at each sample. Where surfaces are ``diffuse`` they scatter, have walls,
+        and turn with the tissue.
         """
         view = View(*probe)
         finite = all(np.isfinite(numbers).all() for numbers in (probe, to_image, to_cell, cell_to_image))
@@ -145,8 +154,9 @@ class EchoScene:
         require(numbered(shape, 1), "shape has no node along an axis, or too many")
         require_spacing(spacing)
         require(len(power) >= 2, "power is shorter than 2")
-        parts = zip(self._volume(view, to_image, seed), self._surface(view, to_image, power), strict=True)
-        local, size = (np.concatenate(pair) for pair in parts)
+        inside = self._volume(view, to_image, seed)
+        on, size_on, normals, mirror, scatter = self._surface(view, to_image, power, diffuse)
+        local, size = np.concatenate([inside[0], on]), np.concatenate([inside[1], size_on])
         index = _mapped(to_cell, local)
         cell = np.floor(index).astype(np.int64)
         place = np.minimum((index - cell) * 65536, 65535).astype(np.uint16)
@@ -159,7 +169,16 @@ class EchoScene:
         which = rank[which]
         sort = np.argsort(which, kind="stable")
         starts = np.searchsorted(which[sort], np.arange(len(cells) + 1)).astype(np.int32)
-        step = float(np.float32(max(np.abs(size).max(initial=0), 1e-12) / _FULL))
+        loudest = max(np.abs(size).max(initial=0), (mirror + np.abs(scatter)).max(initial=0), 1e-12)
+        step = float(np.float32(loudest / _FULL))
+        surfaces = np.zeros((5, _SLACK), np.float32)
+        surface_starts = np.zeros(len(cells) + 1, np.int32)
+        if diffuse:
+            square = np.array(spacing)[:, None] ** 2
+            numbers = np.vstack([to_cell[:, :3] @ normals.T * square, mirror, scatter])
+            own = which[len(inside[1]) :]
+            surfaces = np.pad(numbers[:, np.argsort(own, kind="stable")].astype(np.float32), ((0, 0), (0, _SLACK)))
+            surface_starts[1:] = np.cumsum(np.bincount(own, minlength=len(cells)))
         return (
             np.ascontiguousarray(frames[order], np.float32),
             _nodes(cells[order], shape),
@@ -167,6 +186,8 @@ class EchoScene:
             np.ascontiguousarray(np.pad(place[sort].T, ((0, 0), (0, _SLACK)))),
             np.pad(np.rint(size[sort] / step).astype(np.int16), (0, _SLACK)),
             step,
+            surface_starts,
+            np.ascontiguousarray(surfaces),
         )
 
     def _volume(self, view: View, to_image: Array, seed: int) -> Echoes:
@@ -195,26 +216,38 @@ class EchoScene:
         echoing = np.isfinite(level)
         return local[kept][echoing], size[echoing]
 
-    def _surface(self, view: View, to_image: Array, power: Array) -> Echoes:
-        """Brighter the squarer the beam meets the surface, undeformed."""
+    def _surface(self, view: View, to_image: Array, power: Array, diffuse: bool) -> tuple[Array, ...]:
+        """Brighter the squarer the beam meets the surface, undeformed; and where they scatter, from all sides.
+
+        Places, amplitudes, normals, and amplitudes of the mirror and of what is scattered.
+        """
         points_per_mm2, gain, width, faintest = self.numbers[3:]
         copies = interface_copies(self.spacing, points_per_mm2)
         used = int(np.clip(np.ceil(view.points_per_mm2 * largest_face(self.spacing)), 1, copies))
         by_face = (part.reshape(-1, copies, *part.shape[1:])[:, :used] for part in self._interfaces)
-        points, normals, reflection, area = (part.reshape(-1, *part.shape[2:]) for part in by_face)
-        size = gain * points_per_mm2 * copies / used * reflection.astype(np.float64) * area
-        seen = _mapped(to_image, points.astype(np.float64))
+        found = Points(*(part.reshape(-1, *part.shape[2:]) for part in by_face))
+        if diffuse:
+            found = layered(found, self.impedance, self.wall_mm, self.wall_impedance, self.numbers[2])
+        mirror = gain * points_per_mm2 * copies / used * found.reflection.astype(np.float64) * found.area
+        seen = _mapped(to_image, found.points.astype(np.float64))
         r = view.ranges(seen)
         kept = np.flatnonzero(view.hears(seen, r, view.margin_mm))
-        normal, r, size = normals[kept] @ to_image[:, :3].T, r[kept], size[kept]
+        normal, r, mirror = found.normals[kept] @ to_image[:, :3].T, r[kept], mirror[kept]
         along = normal[:, 1]
         if view.curved:
             from_apex = seen[kept, :2] + [0, view.apex_mm]
             along = (normal[:, :2] * from_apex).sum(axis=1) / np.maximum(r + view.apex_mm, 1e-9)
-        size = size * np.exp(-width * (1 - along**2))
-        audible = size > faintest
-        speckle = np.interp(r[audible] / view.sample_mm, np.arange(len(power)), power)
-        return points[kept][audible].astype(np.float64), size[audible] * np.sqrt(speckle)
+        size = mirror * np.exp(-width * (1 - along**2))
+        scatter = np.zeros(len(size))
+        if diffuse:
+            beam = view.lateral_mm * view.volume(r) / view.cell_mm2
+            part = Points(*(p[kept] for p in found))
+            scatter = mirror * scattered(part, self.rough, beam * used / copies)
+        audible = size + np.abs(scatter) > faintest
+        speckle = np.sqrt(np.interp(r[audible] / view.sample_mm, np.arange(len(power)), power))
+        at = kept[audible]
+        size, mirror, scatter = (part[audible] * speckle for part in (size + scatter, mirror, scatter))
+        return found.points[at].astype(np.float64), size, found.normals[at].astype(np.float64), mirror, scatter
 
     def _bricks(self, view: View, to_image: Array) -> NDArray[np.int64]:
         """Indices (n, 3) of bricks of the lattice that a slice touches."""

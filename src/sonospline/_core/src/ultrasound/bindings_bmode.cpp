@@ -27,6 +27,7 @@ using Places = Array<std::uint16_t, 3, -1>;
 using Amplitudes = Array<std::int16_t, -1>;
 using Labels = Array<std::uint8_t, -1, -1, -1>;
 using PerLabel = Array<float, 256>;
+using Beams = Array<float, -1, -1, 2>;
 
 // The arrays that an aim points into. They are the plan's from then on: whoever changes one changes what is checked.
 struct Aimed {
@@ -40,6 +41,9 @@ struct Aimed {
     Labels labels;
     Array<double, 3, 4> label_index;
     PerLabel loss_db, impedance;
+    Indices surface_starts;
+    Table surfaces;
+    float surface_width;
 
     void check(std::size_t rays) const {
         const std::size_t count = nodes.shape(0);
@@ -50,6 +54,15 @@ struct Aimed {
         const std::size_t echoes = static_cast<std::size_t>(*last) + sono::kEchoSlack;
         require(place.shape(1) == amplitude.shape(0) && amplitude.shape(0) >= echoes,
                 "place and amplitude do not reach 64 beyond the last scatterer, or differ in length");
+        const std::int32_t *const surface = surface_starts.data();
+        require(surface_starts.shape(0) == count + 1 && *surface == 0, "surface_starts is not (cells + 1), from 0");
+        for (std::size_t cell = 0; cell < count; ++cell)
+            require(surface[cell] <= surface[cell + 1] && surface[cell + 1] - surface[cell] <= first[cell + 1] - first[cell],
+                    "surface_starts falls, or counts more than starts in a cell");
+        require(surfaces.shape(0) == sono::kSurfaceFloats &&
+                    surfaces.shape(1) >= static_cast<std::size_t>(surface[count]) + sono::kEchoSlack,
+                "surfaces is not (5, n), or does not reach 64 beyond the last");
+        require(surface_width >= 0 && surface_width <= 9, "surface_width is not between 0 and 9");
         require(ray_start.shape(0) == rays && ray_step.shape(0) == rays, "ray_start or ray_step is not (rays, 3)");
         const auto shape = lattice_of(labels);
         require(*std::max_element(shape.begin(), shape.end()) <= sono::kMostAlongAxis, "labels has too long an axis");
@@ -78,6 +91,10 @@ struct Aimed {
                      amplitude.data(),
                      amplitude_step,
                      nodes.shape(0)};
+        const float *numbers = surfaces.data();
+        const std::size_t each = surfaces.shape(1);
+        aim.surfaces = {surface_starts.data(), {numbers, numbers + each, numbers + 2 * each}, numbers + 3 * each,
+                        numbers + 4 * each, surface_width};
         aim.ray_start = ray_start.data(), aim.ray_step = ray_step.data(), aim.labels = labels.data();
         for (int a = 0; a < 3; ++a) aim.label_shape[a] = labels.shape(a);
         std::copy_n(label_index.data(), 12, aim.label_index);
@@ -98,9 +115,9 @@ class BmodePlan {
     void aim(const Table &frames, const Nodes &nodes, const Indices &starts, const Places &place,
              const Amplitudes &amplitude, float amplitude_step, const Rows &ray_start, const Rows &ray_step,
              const Labels &labels, const Array<double, 3, 4> &label_index, const PerLabel &loss_db,
-             const PerLabel &impedance) {
+             const PerLabel &impedance, const Indices &surface_starts, const Table &surfaces, float surface_width) {
         std::optional<Aimed> next = Aimed{frames,   nodes,  starts,      place,   amplitude, amplitude_step, ray_start,
-                                          ray_step, labels, label_index, loss_db, impedance};
+                                          ray_step, labels, label_index, loss_db, impedance, surface_starts, surfaces, surface_width};
         next->check(static_cast<std::size_t>(rays_));
         const std::size_t lattice_nodes = next->lattice_nodes();
         {
@@ -113,7 +130,8 @@ class BmodePlan {
 
     auto render(const Array<float, -1, -1, -1, 3> &values, const std::array<double, 3> &spacing,
                 const Array<float, -1, 4> &echoes, const Table &shadow, float shadow_soft_mm, const Vector &noise,
-                float noise_level, const Vector &offset_db, float range_db) {
+                float noise_level, const Vector &offset_db, float range_db, const Beams &wide, const Vector &wide_scale,
+                const Beams &haze, const Beams &texture, float tail_level, float tail_keep) {
         const std::size_t lines = static_cast<std::size_t>(lines_), samples = static_cast<std::size_t>(samples_);
         const auto shape = lattice_of(values);
         require(sono::numbered(shape, 2), "values has fewer than 2 nodes along an axis, or too many");
@@ -121,9 +139,19 @@ class BmodePlan {
         require(noise.shape(0) >= 2 * lines * samples, "noise is shorter than 2 lines samples");
         require(shadow.shape(0) == 2 && shadow.shape(1) == lines && offset_db.shape(0) == samples,
                 "shadow is not (2, lines), or offset_db not (samples)");
+        require(wide.shape(0) == 0 || (wide.shape(0) >= 2 && wide.shape(1) == samples && wide_scale.shape(0) == samples),
+                "wide is not (2 or more lines, samples, 2), or wide_scale not (samples)");
+        require(haze.shape(0) == 0 || (haze.shape(0) == lines && haze.shape(1) <= samples),
+                "haze is not (lines, at most samples, 2)");
+        require(texture.shape(0) == 0 || (texture.shape(0) == lines && texture.shape(1) == samples),
+                "texture is not (lines, samples, 2)");
+        require(tail_level >= 0 && tail_keep >= 0 && tail_keep < 1, "tail_level is below 0, or tail_keep not 0 to 1");
         const sono::FrameInput in{{values.data(), shape, spacing, 1},
                                   echoes.data(), echoes.shape(0), shadow.data(), shadow_soft_mm,
-                                  noise.data(), noise_level, offset_db.data(), range_db};
+                                  noise.data(), noise_level, offset_db.data(), range_db,
+                                  {wide.data(), wide.shape(0), wide_scale.data(), haze.data(),
+                                   haze.shape(0) ? haze.shape(1) : 0, texture.shape(0) ? texture.data() : nullptr,
+                                   tail_level, tail_keep}};
         auto iq = new_array<float, 3>({lines, samples, 2});
         auto grey = new_array<std::uint8_t, 2>({lines, samples});
         auto picture = new_array<std::uint8_t, 2>({pixel_.shape(0), pixel_.shape(1)});
@@ -200,7 +228,9 @@ void bind_bmode(nb::module_ &m) {
              "geometry"_a, "curved"_a, "lines"_a, "samples"_a, "axial"_a, "lateral"_a, "rays"_a, "ray_samples"_a,
              "smoothing_first"_a, "smoothing"_a, "pixel"_a, "fraction"_a)
         .def("aim", &BmodePlan::aim, "frames"_a, "nodes"_a, "starts"_a, "place"_a, "amplitude"_a, "amplitude_step"_a,
-             "ray_start"_a, "ray_step"_a, "labels"_a, "label_index"_a, "loss_db"_a, "impedance"_a)
+             "ray_start"_a, "ray_step"_a, "labels"_a, "label_index"_a, "loss_db"_a, "impedance"_a,
+             "surface_starts"_a, "surfaces"_a, "surface_width"_a)
         .def("render", &BmodePlan::render, "values"_a, "spacing"_a, "echoes"_a, "shadow"_a, "shadow_soft_mm"_a,
-             "noise"_a, "noise_level"_a, "offset_db"_a, "range_db"_a);
+             "noise"_a, "noise_level"_a, "offset_db"_a, "range_db"_a, "wide"_a, "wide_scale"_a, "haze"_a, "texture"_a,
+             "tail_level"_a, "tail_keep"_a);
 }

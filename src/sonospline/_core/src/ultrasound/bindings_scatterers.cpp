@@ -36,9 +36,9 @@ sono::Affine34 affine(const Affine34 &m) {
 class EchoScene {
   public:
     EchoScene(const Labels &labels, const std::array<double, 3> &spacing, const PerLabel &impedance,
-              const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
+              const PerLabel &rough, const PerLabel &wall_mm, double wall_impedance, const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
               const Places &places, const Table &signs, const std::array<double, 7> &interfaces, double no_echo)
-        : labels_(labels), impedance_(impedance), level_(level_db), texture_db_(texture_db), step_(texture_step),
+        : labels_(labels), impedance_(impedance), rough_(rough), wall_(wall_mm), wall_impedance_(wall_impedance), level_(level_db), texture_db_(texture_db), step_(texture_step),
           texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
 
     auto interfaces() {
@@ -64,9 +64,9 @@ class EchoScene {
 
     auto choose(const std::array<double, sono::kViewNumbers> &probe, const Affine34 &to_image, const Affine34 &to_cell,
                 const Affine34 &cell_to_image, const std::array<std::size_t, 3> &shape,
-                const std::array<double, 3> &spacing, const Array<double, -1> &power, std::uint64_t seed) {
+                const std::array<double, 3> &spacing, const Array<double, -1> &power, std::uint64_t seed, bool diffuse) {
         sono::View view{{},    affine(to_image), affine(to_cell),  affine(cell_to_image), shape, spacing,
-                        power.data(), power.shape(0), seed};
+                        power.data(), power.shape(0), seed, diffuse};
         std::memcpy(&view.probe, probe.data(), sizeof view.probe);
         sono::Choice choice = [&] {
             const Outside outside;
@@ -78,18 +78,22 @@ class EchoScene {
         auto starts = new_array<std::int32_t, 1>({cells + 1});
         auto place = new_array<std::uint16_t, 2>({3, stride});
         auto amplitude = new_array<std::int16_t, 1>({stride});
+        const std::size_t surface_stride = choice.surface_count() + sono::kEchoSlack;
+        auto surface_starts = new_array<std::int32_t, 1>({cells + 1});
+        auto surfaces = new_array<float, 2>({sono::kSurfaceFloats, surface_stride});
         {
             const Outside outside;
-            choice.write(place.data(), amplitude.data(), stride);
+            choice.write(place.data(), amplitude.data(), stride, surfaces.data(), surface_stride);
             if (cells) {  // of nothing there is no address
                 std::memcpy(frames.data(), choice.frames.data(), cells * sizeof(sono::CellFrame));
                 std::memcpy(nodes.data(), choice.nodes.data(), cells * sizeof(sono::CellNodes));
             }
             std::copy(choice.starts.begin(), choice.starts.end(), starts.data());
+            std::copy(choice.surface_starts.begin(), choice.surface_starts.end(), surface_starts.data());
         }
         const float amplitude_step = choice.amplitude_step;
         scene_.reuse(std::move(choice));
-        return std::tuple(frames, nodes, starts, place, amplitude, amplitude_step);
+        return std::tuple(frames, nodes, starts, place, amplitude, amplitude_step, surface_starts, surfaces);
     }
 
   private:
@@ -104,7 +108,7 @@ class EchoScene {
                 "places and signs differ in length, or are no power of two");
         require(signs_.shape(1) <= sono::kMostInBrick, "signs has more than 512 columns");
         return {{labels_.data(), shape, spacing},
-                impedance_.data(), level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
+                impedance_.data(), rough_.data(), wall_.data(), wall_impedance_, level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
                 places_.data(), signs_.data(), patterns, places_.shape(2)};
     }
     static sono::InterfaceNumbers numbers(const std::array<double, 7> &n) {
@@ -114,7 +118,9 @@ class EchoScene {
     }
 
     Labels labels_;
-    PerLabel impedance_, level_, texture_db_;
+    PerLabel impedance_, rough_, wall_;
+    double wall_impedance_;
+    PerLabel level_, texture_db_;
     Steps step_;
     Volume texture_;
     Places places_;
@@ -127,12 +133,12 @@ class EchoScene {
 void bind_scatterers(nb::module_ &m) {
     nb::class_<EchoScene>(m, "EchoScene")
         .def(nb::init<const Labels &, const std::array<double, 3> &, const PerLabel &, const PerLabel &,
-                      const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
+                      const PerLabel &, double, const PerLabel &, const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
                       const std::array<double, 7> &, double>(),
-             "labels"_a, "spacing"_a, "impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
+             "labels"_a, "spacing"_a, "impedance"_a, "rough"_a, "wall_mm"_a, "wall_impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
         .def("interfaces", &EchoScene::interfaces)
         .def("prepare", &EchoScene::prepare, nb::call_guard<Outside>())
         .def("choose", &EchoScene::choose, "probe"_a, "to_image"_a, "to_cell"_a, "cell_to_image"_a, "shape"_a,
-             "spacing"_a, "power"_a, "seed"_a);
+             "spacing"_a, "power"_a, "seed"_a, "diffuse"_a);
 }

@@ -49,6 +49,8 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
     const BmodeKernels &kernel = *kernels().bmode;
     polynomials_.resize(kPolynomialFloats * aim.cells.count);
     spans_.resize(aim.cells.count);
+    const bool turns = aim.surfaces.starts[aim.cells.count] > 0;
+    if (turns) amplitude_.resize(static_cast<std::size_t>(aim.cells.starts[aim.cells.count]) + kEchoSlack);
     const float spacing[3] = {static_cast<float>(in.field.spacing[0]), static_cast<float>(in.field.spacing[1]),
                               static_cast<float>(in.field.spacing[2])};
     const std::size_t ray_blocks = blocks_of(probe_.rays, kRaysPerBlock);
@@ -63,8 +65,15 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
             trace(aim, in, number * kRaysPerBlock, end);
         } else if (phase == 0) {
             const std::size_t first = (block - ray_blocks) * kCellsPerBlock;
-            kernels().echo->place(probe_.beam, aim.cells, in.field.values, spacing, first,
-                                    std::min(aim.cells.count, first + kCellsPerBlock), polynomials_.data(), spans_.data());
+            const std::size_t last = std::min(aim.cells.count, first + kCellsPerBlock);
+            kernels().echo->place(probe_.beam, aim.cells, in.field.values, spacing, first, last, polynomials_.data(),
+                                  spans_.data());
+            if (turns) {
+                const std::int32_t from = aim.cells.starts[first], to = aim.cells.starts[last];
+                std::copy(aim.cells.amplitude + from, aim.cells.amplitude + to, amplitude_.data() + from);
+                kernels().echo->reflect(probe_.beam, aim.cells, aim.surfaces, polynomials_.data(), first, last,
+                                        amplitude_.data());
+            }
         } else if (phase == 1) {
             strip(aim, in, number);
         } else if (phase == 2) {
@@ -156,7 +165,9 @@ void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
     grid.assign((kStripLines + 4) * row, 0.0f);
     scratch.resize(4 * static_cast<std::size_t>(samples + kBinPad) + kEchoSlack);
     gain.resize(2 * static_cast<std::size_t>(samples));
-    kernels().echo->splat(probe_.beam, aim.cells, polynomials_.data(), spans_.data(), first_line, grid.data(), row);
+    Cells cells = aim.cells;
+    if (aim.surfaces.starts[cells.count] > 0) cells.amplitude = amplitude_.data();
+    kernels().echo->splat(probe_.beam, cells, polynomials_.data(), spans_.data(), first_line, grid.data(), row);
     for (std::size_t i = 0; i < in.echo_count; ++i) {
         const float *echo = in.echoes + 4 * i;
         const float whole_line = std::floor(echo[0]), whole_bin = std::floor(echo[1]);
@@ -191,9 +202,26 @@ void BmodeRenderer::line(const FrameInput &in, const FrameOutput &out, int numbe
     const std::size_t at = static_cast<std::size_t>(number) * samples;
     float *iq = out.iq + 2 * at;
     kernel.lateral(count, taps.data(), lines.data(), samples, reach_.data(), in.noise + 2 * at, in.noise_level, iq);
+    add_clutter(in.clutter, number, iq);
     thread_local std::vector<float> scratch;
     scratch.resize(samples);
     kernel.compress(iq, in.offset_db, in.range_db, samples, scratch.data(), out.grey + at);
+}
+
+void BmodeRenderer::add_clutter(const Clutter &clutter, int number, float *iq) const {
+    const BmodeKernels &kernel = *kernels().bmode;
+    const std::size_t samples = static_cast<std::size_t>(probe_.beam.samples), row = 2 * samples;
+    const auto line = static_cast<std::size_t>(number);
+    if (clutter.wide_lines) {
+        const float at = static_cast<float>(number) * static_cast<float>(clutter.wide_lines - 1) /
+                         static_cast<float>(probe_.beam.lines - 1);
+        const std::size_t low = std::min(static_cast<std::size_t>(at), clutter.wide_lines - 2);
+        const float *wide = clutter.wide + low * row;
+        kernel.widen(wide, wide + row, at - static_cast<float>(low), clutter.wide_scale, samples, iq);
+    }
+    if (clutter.texture) kernel.tail(clutter.texture + line * row, clutter.tail_level, clutter.tail_keep, samples, iq);
+    const float *haze = clutter.haze + 2 * line * clutter.haze_samples;
+    for (std::size_t i = 0; i < 2 * clutter.haze_samples; ++i) iq[i] += haze[i];
 }
 
 }  // namespace sono

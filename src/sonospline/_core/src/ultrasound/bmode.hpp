@@ -31,12 +31,24 @@ struct ProbeTables {
 /// What a pose of the probe sees of a scene.
 struct Aim {
     Cells cells;
+    Surfaces surfaces;
     const double *ray_start, *ray_step;  // (rays, 3) lattice mm: middle of the first coarse sample, and the step
     const std::uint8_t *labels;
     std::size_t label_shape[3];
     double label_index[12];              // (3, 4) lattice mm -> voxel index
     const float *loss_db;                // (256) per coarse sample
     const float *impedance;              // (256)
+};
+
+/// What is heard beside the beam; what has no lines is not there.
+struct Clutter {
+    const float *wide;        // (wide_lines, samples, 2) beams of a wide, weak probe
+    std::size_t wide_lines;
+    const float *wide_scale;  // (samples)
+    const float *haze;        // (lines, haze_samples, 2) under the face
+    std::size_t haze_samples;
+    const float *texture;     // (lines, samples, 2) what reverberation sounds like; null without it
+    float tail_level, tail_keep;
 };
 
 struct FrameInput {
@@ -49,6 +61,7 @@ struct FrameInput {
     float noise_level;
     const float *offset_db;  // (samples)
     float range_db;
+    Clutter clutter;
 };
 
 struct FrameOutput {
@@ -67,6 +80,7 @@ class BmodeRenderer {
     void strip(const Aim &, const FrameInput &, int number);
     void gain_of(const FrameInput &, int line, float *gain) const;
     void line(const FrameInput &, const FrameOutput &, int number) const;
+    void add_clutter(const Clutter &, int line, float *iq) const;
 
     const ProbeTables probe_;
     const std::size_t stride_;       // floats of a line in beams_
@@ -75,6 +89,7 @@ class BmodeRenderer {
     std::vector<float> taps_;        // lateral taps, each twice: for real and imaginary parts
     std::vector<float> polynomials_;
     std::vector<LineSpan> spans_;
+    std::vector<std::int16_t> amplitude_;     // of scatterers, where surfaces turn
     std::vector<int> reach_;         // taps on either side that count, by run of samples
     std::vector<std::int32_t> coarse_;        // (samples) coarse sample before each
     std::vector<float> beyond_;      // (samples) and how far beyond it

@@ -1,4 +1,6 @@
 // Compiled once per instruction set (SONO_ISA names it), like common/kernels.cpp: from echoes to grey pixels.
+#include <cmath>
+
 #include "ultrasound/bmode_kernels.hpp"
 #include "ultrasound/float_vectors.hpp"
 
@@ -68,6 +70,28 @@ void lateral(int count, const float *const *taps, const float *const *lines, std
             for (int i = 0; i < kRun; ++i) sum[i] += load(tap + i * kWidth) * load(line + i * kWidth);
         }
         for (int i = 0; i < kRun; ++i) store(out + at + static_cast<std::size_t>(i) * kWidth, sum[i]);
+    }
+}
+
+// --- what fills the black ---
+
+void widen(const float *low, const float *high, float of_high, const float *scale, std::size_t samples, float *out) {
+    for (std::size_t n = 0; n < samples; ++n)
+        for (std::size_t k = 2 * n; k < 2 * n + 2; ++k) out[k] += scale[n] * (low[k] + of_high * (high[k] - low[k]));
+}
+
+void tail(const float *texture, float level, float keep, std::size_t samples, float *out) {
+    float fed = 0, from = 0;
+    for (std::size_t run = 0; run < samples; run += kTailRun) {
+        float *s = out + 2 * run;
+        float power = 0;
+        for (int k = 0; k < 2 * kTailRun; ++k) power += s[k] * s[k];
+        fed = keep * fed + power / kTailRun;
+        const float to = std::sqrt(level * fed), slope = (to - from) / kTailRun;
+        for (int n = 0; n < kTailRun; ++n)
+            for (int k = 2 * n; k < 2 * n + 2; ++k)
+                s[k] += (from + slope * static_cast<float>(n)) * texture[2 * run + static_cast<std::size_t>(k)];
+        from = to;
     }
 }
 
@@ -166,7 +190,7 @@ void picture(const std::uint8_t *grey, std::size_t samples, const std::int32_t *
 }  // namespace
 
 extern const BmodeKernels bmode_kernels;
-const BmodeKernels bmode_kernels = {axial, lateral, transmit, gain, compress, picture};
+const BmodeKernels bmode_kernels = {axial, lateral, widen, tail, transmit, gain, compress, picture};
 
 }  // namespace SONO_ISA
 }  // namespace sono

@@ -10,9 +10,11 @@ namespace sono {
 
 constexpr int kStripLines = 32;
 constexpr int kFrameFloats = 16;       // of one cell: see CellFrame
+constexpr int kSurfaceFloats = 5;     // of one scatterer on a surface: see Surfaces
 constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, each lateral, elevation, axial; then 0, or in the first whether the beams lie narrow
 constexpr int kBinPad = 64;            // half-samples kept beyond either end of a beam
 constexpr int kLateralRun = 32;        // floats for which the beam's width is given
+constexpr int kTailRun = 16;           // samples
 constexpr int kEchoSlack = 64;         // scatterers that may be read past the last
 
 struct BeamGeometry {
@@ -55,10 +57,21 @@ struct Cells {
     std::size_t count;
 };
 
+/// Scatterers that lie on surfaces, the last of each cell: SoA over all cells.
+struct Surfaces {
+    const std::int32_t *starts;         // first of each cell, count + 1 entries
+    const float *normal[3];             // along the lattice's axes, each times the lattice's spacing
+    const float *specular, *diffuse;    // amplitude where the beam meets the surface squarely, and at any angle
+    float width;                        // of the specular part: exp(-width sin^2)
+};
+
 struct EchoKernels {
     /// Polynomials and line spans of cells [first, last) under displacements at the lattice's nodes
     void (*place)(const BeamGeometry &, const Cells &, const float *displacement, const float spacing[3],
                   std::size_t first, std::size_t last, float *polynomials, LineSpan *spans);
+    /// Amplitudes of the surfaces of cells [first, last), whose normals the displacement turns (n' = F^-T n)
+    void (*reflect)(const BeamGeometry &, const Cells &, const Surfaces &, const float *polynomials, std::size_t first,
+                    std::size_t last, std::int16_t *amplitude);
     /// Adds every scatterer to lines first_line - 1 to first_line + kStripLines of `strip`; row r of it holds
     /// line first_line - 1 + r, one more row takes what falls elsewhere
     void (*splat)(const BeamGeometry &, const Cells &, const float *polynomials, const LineSpan *spans, int first_line,
@@ -74,6 +87,11 @@ struct BmodeKernels {
     /// either side of the middle count in the j-th run of kLateralRun floats
     void (*lateral)(int count, const float *const *taps, const float *const *lines, std::size_t samples,
                     const int *reach, const float *noise, float noise_level, float *out);
+    /// out (samples, 2) += scale times two rows of a wide beam, mixed
+    void (*widen)(const float *low, const float *high, float of_high, const float *scale, std::size_t samples, float *out);
+    /// out (samples, 2) += texture times an amplitude that the power before it feeds: of each run of kTailRun samples
+    /// the mean power is added to what `keep` leaves, and `level` of that sounds until the next
+    void (*tail)(const float *texture, float level, float keep, std::size_t samples, float *out);
     /// left = 10^(-loss_db / 20); count is a multiple of kLateralRun / 2
     void (*transmit)(const float *loss_db, std::size_t count, float *left);
     /// out (samples, 2), each value twice = rows of `rays` weighted, then linear between samples before[n] and the

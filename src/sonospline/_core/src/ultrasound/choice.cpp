@@ -16,16 +16,18 @@ constexpr std::int32_t kTileCells = kTileSide * kTileSide * kTileSide;
 
 }  // namespace
 
-void Choice::Unit::add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place,
+bool Choice::Unit::add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place,
                        double amplitude) {
     Echo echo;
     for (int a = 0; a < 3; ++a) {
         echo.cell[a] = static_cast<std::int16_t>(cell[a]);
-        if (echo.cell[a] != cell[a]) return;  // no lattice reaches as far
+        if (echo.cell[a] != cell[a]) return false;  // no lattice reaches as far
         echo.place[a] = static_cast<std::uint16_t>(place[a]);
     }
     echo.amplitude = static_cast<float>(amplitude);
-    if (std::isfinite(echo.amplitude)) echoes.push_back(echo);
+    if (!std::isfinite(echo.amplitude)) return false;
+    echoes.push_back(echo);
+    return true;
 }
 
 void Choice::sort(std::vector<Unit> &&units, const View &view) {
@@ -40,16 +42,18 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
                 low[a] = std::min<int>(low[a], echo.cell[a]), high[a] = std::max<int>(high[a], echo.cell[a]);
             largest = std::max(largest, std::fabs(echo.amplitude));
         }
+        for (const Surface &surface : unit.surfaces)  // whatever the angle
+            largest = std::max(largest, surface.numbers[3] + std::fabs(surface.numbers[4]));
     }
     amplitude_step = static_cast<float>(largest / kFullAmplitude);
-    starts = {0};
+    starts = {0}, surface_starts = {0};
     if (low[0] > high[0]) return;
     require(found <= kMostNodes, "the view hears more scatterers than can be numbered");
     // a table of tiles, and of cells in those that hold any: a fine lattice would fill memory with empty cells
     std::size_t tiles[3];
     for (int a = 0; a < 3; ++a) tiles[a] = static_cast<std::size_t>((high[a] - low[a]) / kTileSide + 1);
     require(tiles[0] * tiles[1] * tiles[2] <= kMostNodes, "the lattice is too fine for the scene");
-    std::vector<std::int32_t> tile_of(tiles[0] * tiles[1] * tiles[2], -1), counts, tile_number;
+    std::vector<std::int32_t> tile_of(tiles[0] * tiles[1] * tiles[2], -1), counts, surfaces, tile_number;
     for (Unit &unit : units_)
         for (Echo &echo : unit.echoes) {
             const int x = echo.cell[0] - low[0], y = echo.cell[1] - low[1], z = echo.cell[2] - low[2];
@@ -59,11 +63,12 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
             if (tile < 0) {
                 require(counts.size() <= kMostNodes - kTileCells, "the lattice is too fine for the scene");
                 tile = static_cast<std::int32_t>(counts.size());
-                counts.resize(counts.size() + kTileCells);
+                counts.resize(counts.size() + kTileCells), surfaces.resize(counts.size());
                 tile_number.push_back(static_cast<std::int32_t>(at));
             }
             echo.slot = tile + (x % kTileSide * kTileSide + y % kTileSide) * kTileSide + z % kTileSide;
             ++counts[static_cast<std::size_t>(echo.slot)];
+            if (!unit.surfaces.empty()) ++surfaces[static_cast<std::size_t>(echo.slot)];
         }
     struct Cell {
         int strip;
@@ -126,30 +131,38 @@ void Choice::sort(std::vector<Unit> &&units, const View &view) {
         rank_[slot] = static_cast<std::int32_t>(rank);
         frames.push_back(frame_of[cells[rank].found]), nodes.push_back(nodes_of[cells[rank].found]);
         starts.push_back(starts.back() + counts[slot]);
+        surface_starts.push_back(surface_starts.back() + surfaces[slot]);
     }
 }
 
-void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride) const {
+void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride, float *surfaces,
+                   std::size_t surface_stride) const {
     const auto parts = static_cast<std::size_t>(thread_count());  // each lays out its share of the cells
     const float scale = 1 / amplitude_step;
-    std::vector<std::int32_t> next(starts);
+    std::vector<std::int32_t> next(starts), next_surface(surface_starts);
     parallel_for(parts, [&](std::size_t part) {
         const auto first = static_cast<std::int32_t>(part * frames.size() / parts);
         const auto last = static_cast<std::int32_t>((part + 1) * frames.size() / parts);
         for (const Unit &unit : units_)
-            for (const Echo &echo : unit.echoes) {
+            for (std::size_t i = 0; i < unit.echoes.size(); ++i) {
+                const Echo &echo = unit.echoes[i];
                 const std::int32_t rank = rank_[static_cast<std::size_t>(echo.slot)];
                 if (rank < first || rank >= last) continue;
                 const auto at = static_cast<std::size_t>(next[static_cast<std::size_t>(rank)]++);
                 for (int a = 0; a < 3; ++a) place[static_cast<std::size_t>(a) * stride + at] = echo.place[a];
                 const float level = echo.amplitude * scale;
                 amplitude[at] = static_cast<std::int16_t>(level + (level < 0 ? -0.5f : 0.5f));
+                if (unit.surfaces.empty()) continue;
+                float *surface = surfaces + next_surface[static_cast<std::size_t>(rank)]++;
+                for (std::size_t k = 0; k < kSurfaceFloats; ++k) surface[k * surface_stride] = unit.surfaces[i].numbers[k];
             }
     });
     for (std::size_t at = size(); at < size() + kEchoSlack; ++at) {
         for (std::size_t a = 0; a < 3; ++a) place[a * stride + at] = 0;
         amplitude[at] = 0;
     }
+    for (std::size_t at = surface_count(); at < surface_stride; ++at)
+        for (std::size_t k = 0; k < kSurfaceFloats; ++k) surfaces[k * surface_stride + at] = 0;
 }
 
 }  // namespace sono

@@ -95,6 +95,55 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
     }
 }
 
+// --- surfaces ---
+
+void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfaces, const float *polynomials,
+             std::size_t first, std::size_t last, std::int16_t *amplitude) {
+    const VecF step = splat(1.0f / 65536);
+    const float to_units = 1 / cells.amplitude_step;
+    for (std::size_t cell = first; cell < last; ++cell) {
+        const std::int32_t from = surfaces.starts[cell], to = surfaces.starts[cell + 1];
+        if (from == to) continue;
+        const float *c = polynomials + kPolynomialFloats * cell;
+        const std::int32_t scatterer = cells.starts[cell + 1] - (to - from);
+        for (std::int32_t at = from; at < to; at += kWidth) {
+            const std::int32_t own = scatterer + at - from;
+            const VecF u = (__builtin_convertvector(load_as<VecU16>(cells.u + own), VecF) + 0.5f) * step;
+            const VecF v = (__builtin_convertvector(load_as<VecU16>(cells.v + own), VecF) + 0.5f) * step;
+            const VecF w = (__builtin_convertvector(load_as<VecU16>(cells.w + own), VecF) + 0.5f) * step;
+            VecF x[3], y[3], z[3], place[3];  // the place's slopes along u, v and w
+            for (int a = 0; a < 3; ++a) {
+                const VecF mixed = c[28 + a] * w + c[16 + a];
+                x[a] = mixed * v + (c[20 + a] * w + c[4 + a]);
+                y[a] = mixed * u + (c[24 + a] * w + c[8 + a]);
+                z[a] = (c[28 + a] * v + c[20 + a]) * u + (c[24 + a] * v + c[12 + a]);
+                place[a] = x[a] * u + ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
+            }
+            VecF normal[3];  // cofactors of the slopes times the undeformed one
+            for (int a = 0; a < 3; ++a) {
+                const int b = (a + 1) % 3, d = (a + 2) % 3;
+                normal[a] = (y[b] * z[d] - y[d] * z[b]) * load(surfaces.normal[0] + at) +
+                            (z[b] * x[d] - z[d] * x[b]) * load(surfaces.normal[1] + at) +
+                            (x[b] * y[d] - x[d] * y[b]) * load(surfaces.normal[2] + at);
+            }
+            const VecF length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] + 1e-20f;
+            VecF along = normal[2] * normal[2] / length;  // squared cosine
+            if (beam.curved) {
+                const VecF q = clamp(place[0] / (place[2] + cells.frames[cell].reach), -1.0f, 1.0f);
+                const VecF dot = normal[0] * q + normal[2];
+                along = dot * dot / (length * (1.0f + q * q));
+            }
+            const VecF half = exp_minus(clamp(0.5f * surfaces.width * (1.0f - along), 0.0f, 4.5f));
+            const VecF size = load(surfaces.specular + at) * half * half + load(surfaces.diffuse + at);
+            const VecF level = clamp(size * to_units, -32767.0f, 32767.0f);
+            const VecI whole = __builtin_convertvector((level + 12582912.0f) - 12582912.0f, VecI);
+            std::int32_t rounded[kWidth];
+            std::memcpy(rounded, &whole, sizeof whole);
+            for (int i = 0; i < std::min<int>(kWidth, to - at); ++i) amplitude[own + i] = static_cast<std::int16_t>(rounded[i]);
+        }
+    }
+}
+
 // --- echoes ---
 
 struct Echoes {
@@ -216,7 +265,7 @@ void splat(const BeamGeometry &beam, const Cells &cells, const float *polynomial
 }  // namespace
 
 extern const EchoKernels echo_kernels;
-const EchoKernels echo_kernels = {place, splat};
+const EchoKernels echo_kernels = {place, reflect, splat};
 
 }  // namespace SONO_ISA
 }  // namespace sono

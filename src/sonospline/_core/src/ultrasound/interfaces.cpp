@@ -222,6 +222,8 @@ class Interfaces::Finder {
             }
             point.reflection = static_cast<float>(std::min(std::fabs(z2 - z1) / (z2 + z1), largest_));
             point.area = static_cast<float>(face_[axis] / static_cast<double>(copies_) * std::fabs(normal[axis]));
+            point.low = face.low, point.high = face.high;
+            point.sign = key >> 63 ? 1 : -1;
         }
     }
 

@@ -16,9 +16,12 @@ struct LabelMap {
     std::array<double, 3> spacing;
 };
 
-/// Place (lattice mm), unit normal, reflection coefficient, and the surface it stands for (mm^2).
+/// Place (lattice mm), unit normal towards the higher impedance, reflection coefficient, the surface it stands for
+/// (mm^2), the labels it parts, and a random sign.
 struct InterfacePoint {
     float place[3], normal[3], reflection, area;
+    std::uint8_t low, high;
+    std::int8_t sign;
 };
 
 /// Points on each face between voxels, all axes alike, and the largest face (mm^2).

@@ -17,6 +17,7 @@ namespace {
 constexpr std::ptrdiff_t kRowsPerUnit = 8;   // of bricks
 constexpr std::size_t kRegionsAtOnce = 8;    // that are found while no view waits
 constexpr int kBrickBits = 6;                // of a hash that pick a pattern
+constexpr double kPi = 3.14159265358979323846;
 constexpr double kNeperPerDb = 0.11512925464970229;  // of amplitude
 
 // std::floor is a function call where the instruction set is the oldest. What is further away than any place in a
@@ -245,7 +246,26 @@ void EchoScene::volume(const View &view, const Bricks &bricks, std::size_t unit,
         }
 }
 
-// Brighter the squarer the beam meets the surface, undeformed.
+/// One echo of a surface: so far along the normal, so strong.
+struct EchoScene::Layer {
+    double shift, reflection;
+};
+
+// A fluid's wall is two layers: where the fluid ends, and where the wall does.
+int EchoScene::layers(const InterfacePoint &point, bool walls, Layer out[2]) const {
+    out[0] = {0, point.reflection};
+    if (!walls) return 1;
+    const bool low = tables_.wall_mm[point.low] >= tables_.wall_mm[point.high];
+    const double thick = tables_.wall_mm[low ? point.low : point.high];
+    const double fluid = tables_.impedance[low ? point.low : point.high], wall = tables_.wall_impedance;
+    const double beyond = tables_.impedance[low ? point.high : point.low];
+    if (!(thick > 0) || beyond == wall) return 1;
+    const auto step = [&](double z) { return std::min(std::fabs(wall - z) / (wall + z), numbers_.largest); };
+    out[0] = {0, step(fluid)}, out[1] = {fluid < beyond ? thick : -thick, step(beyond)};
+    return 2;
+}
+
+// Brighter the squarer the beam meets the surface, undeformed; and where surfaces scatter, as bright from all sides.
 void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size_t used, Choice::Unit &out) const {
     const ViewNumbers &p = view.probe;
     const BeamScope scope = scope_of(p, p.margin_mm);
@@ -257,21 +277,30 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
     const double share = static_cast<double>(used) / static_cast<double>(copies_);
     const double gain = numbers_.gain * numbers_.points_per_mm2 / share;
     const auto count = static_cast<std::size_t>(std::nearbyint(static_cast<double>(block.points.size()) * share));
-    for (std::size_t i = 0; i < count; ++i) {
-        const InterfacePoint &point = block.points[i];
-        const Point local = {point.place[0], point.place[1], point.place[2]};
+    const auto reflect = [&](const InterfacePoint &point, const Layer &layer) {
+        const float *n = point.normal;
+        Point local;
+        for (int a = 0; a < 3; ++a) local[a] = point.place[a] + layer.shift * n[a];
         const double off_plane = m[8] * local[0] + m[9] * local[1] + m[10] * local[2] + m[11];
-        if (std::fabs(off_plane) > farthest) continue;
+        if (std::fabs(off_plane) > farthest) return;
         const Point at = mapped(m, local);
         const double r = range_of(scope, at);
-        if (!hears(scope, at, r)) continue;
-        const float *n = point.normal;
+        if (!hears(scope, at, r)) return;
         double along = m[4] * n[0] + m[5] * n[1] + m[6] * n[2];
         if (scope.curved)
             along = ((m[0] * n[0] + m[1] * n[1] + m[2] * n[2]) * at[0] + along * (at[1] + p.apex_mm)) /
                     std::max(r + p.apex_mm, 1e-9);
-        const double strength = gain * point.reflection * point.area * std::exp(-numbers_.width * (1 - along * along));
-        if (strength <= numbers_.faintest) continue;
+        const double mirror = gain * layer.reflection * point.area;
+        double strength = mirror * std::exp(-numbers_.width * (1 - along * along)), scattered = 0;
+        if (view.diffuse) {
+            // its sum in a beam, of random signs, stands so far below the mirror's, of one sign
+            const double rough = std::max(tables_.rough[point.low], tables_.rough[point.high]);
+            const double within = std::clamp(r, 0.0, p.depth_mm);
+            const double beam = p.lateral_mm * std::max(p.f_number, within / p.aperture_mm) *
+                                std::sqrt(variance_at(scope, within - p.focus_mm));
+            scattered = mirror * rough * 2 * std::sqrt(kPi * beam * share / std::max<double>(point.area, 1e-9));
+        }
+        if (strength + scattered <= numbers_.faintest) return;
         const double sample = std::clamp(r / p.sample_mm, 0.0, last);
         const auto low = static_cast<std::size_t>(std::min(sample, last - 1));
         const double power = view.power[low] + (sample - static_cast<double>(low)) * (view.power[low + 1] - view.power[low]);
@@ -282,7 +311,21 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
             cell[a] = static_cast<std::int32_t>(whole);
             place[a] = whole_within<std::int32_t>((index[a] - whole) * 65536, 0.0, 65535.0);
         }
-        out.add(cell, place, strength * std::sqrt(power));
+        scattered *= point.sign;
+        if (!out.add(cell, place, (strength + scattered) * std::sqrt(power)) || !view.diffuse) return;
+        Choice::Surface surface;
+        for (int a = 0; a < 3; ++a) {
+            const double *row = view.to_cell.data() + 4 * a;
+            surface.numbers[a] = static_cast<float>((row[0] * n[0] + row[1] * n[1] + row[2] * n[2]) * view.spacing[a] * view.spacing[a]);
+        }
+        surface.numbers[3] = static_cast<float>(mirror * std::sqrt(power));
+        surface.numbers[4] = static_cast<float>(scattered * std::sqrt(power));
+        out.surfaces.push_back(surface);
+    };
+    for (std::size_t i = 0; i < count; ++i) {
+        const InterfacePoint &point = block.points[i];
+        Layer found[2];
+        for (int k = 0, of = layers(point, view.diffuse, found); k < of; ++k) reflect(point, found[k]);
     }
 }
 
@@ -299,7 +342,7 @@ Choice EchoScene::choose(const View &view) {
         units.swap(spare_);
     }
     units.resize(volumes + near.size());
-    for (Choice::Unit &unit : units) unit.echoes.clear();
+    for (Choice::Unit &unit : units) unit.echoes.clear(), unit.surfaces.clear();
     parallel_for(units.size(), [&](std::size_t unit) {
         if (unit < volumes)
             volume(view, bricks, unit, units[unit]);

@@ -16,6 +16,9 @@ namespace sono {
 struct EchoTables {
     LabelMap map;
     const double *impedance;
+    const double *rough;         // amplitude of a surface's diffuse echo over that of its mirror
+    const double *wall_mm;       // thickness of the wall around a fluid; 0 where none is
+    double wall_impedance;
     const double *level_db;      // at no_echo or below: nothing
     const double *texture_db;    // how far the level varies from place to place
     const double *texture_step;  // (256, 3) voxels of `texture` per mm
@@ -34,8 +37,9 @@ struct ViewNumbers {
     double cell_mm2, f_number, aperture_mm;  // mm^3 a scatterer = cell_mm2 max(f_number, r / aperture) sigma(r)
     double margin_mm, brick_mm, sample_mm;
     double points_per_mm2;                   // on interfaces: at least so many
+    double lateral_mm;                       // sigma of the beam over max(f_number, r / aperture)
 };
-constexpr std::size_t kViewNumbers = 20;
+constexpr std::size_t kViewNumbers = 21;
 static_assert(sizeof(ViewNumbers) == kViewNumbers * sizeof(double), "as Python passes it");
 
 struct InterfaceNumbers {
@@ -62,6 +66,7 @@ struct View {
     const double *power;      // (power_count) of speckle, by sample
     std::size_t power_count;
     std::uint64_t seed;
+    bool diffuse;  // whether surfaces scatter too, have walls, and turn with the tissue
 
     void check() const;
 };
@@ -71,12 +76,14 @@ class Choice {
   public:
     std::vector<CellFrame> frames;
     std::vector<CellNodes> nodes;
-    std::vector<std::int32_t> starts;
+    std::vector<std::int32_t> starts, surface_starts;
     float amplitude_step = 1;
 
     std::size_t size() const { return starts.empty() ? 0 : static_cast<std::size_t>(starts.back()); }
-    /// place (3, stride), amplitude (stride)
-    void write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride) const;
+    std::size_t surface_count() const { return surface_starts.empty() ? 0 : static_cast<std::size_t>(surface_starts.back()); }
+    /// place (3, stride), amplitude (stride), surfaces (kSurfaceFloats, surface_stride): see Surfaces
+    void write(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride, float *surfaces,
+               std::size_t surface_stride) const;
 
   private:
     friend class EchoScene;
@@ -86,10 +93,14 @@ class Choice {
         std::uint16_t place[3];
         float amplitude;
     };
-    /// What one block of work finds.
+    struct Surface {
+        float numbers[kSurfaceFloats];
+    };
+    /// What one block of work finds; where it holds surfaces, one for each echo.
     struct Unit {
         std::vector<Echo> echoes;
-        void add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place, double amplitude);
+        std::vector<Surface> surfaces;
+        bool add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place, double amplitude);
     };
     void sort(std::vector<Unit> &&, const View &);
 
@@ -114,6 +125,8 @@ class EchoScene {
     void volume(const View &, const Bricks &, std::size_t unit, Choice::Unit &) const;
     std::vector<const InterfaceBlock *> surfaces(const View &);
     void surface(const View &, const InterfaceBlock &, std::size_t used, Choice::Unit &) const;
+    struct Layer;
+    int layers(const InterfacePoint &, bool walls, Layer out[2]) const;
     double texture(int label, const double place[3]) const;
 
     const EchoTables tables_;

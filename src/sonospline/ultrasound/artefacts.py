@@ -1,0 +1,64 @@
+"""What a real image shows that echoes of a clean beam do not: clutter, haze, and surfaces seen from all sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .. import _validate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Artefacts:
+    """Parts of a real image beyond its clean beams, each with its level; None, or False, switches one off.
+
+    Parameters
+    ----------
+    diffuse : bool, default: True
+        Whether surfaces scatter to all sides (by the roughness of their tissues, 12 to 18 dB below the mirror's
+        echo), turn with the tissue, and fluids have walls of two lines.
+    side_lobes_db : float or None, default: -22
+        What a beam six times as wide and three times as thick adds to uniform speckle: side lobes and the slice's
+        skirts, which fill cysts. Set by eye; clutter in vivo lies 0 to 35 dB below the tissue beside it.
+    haze_db : float or None, default: 0
+        Reverberation under the probe's face, over liver speckle at the surface. Set by eye.
+    tail_db : float or None, default: -30
+        Reverberation behind what echoes: what uniform speckle would hear of itself. Set by eye.
+    needle : bool, default: True
+        Whether a needle has speckle and drop-outs along its shaft, a bevel with two echoes, a comet tail and a
+        whole shadow.
+
+    Raises
+    ------
+    ValueError
+        A level that is not finite or above 20 dB.
+
+    Examples
+    --------
+    >>> from sonospline.ultrasound import Artefacts
+    >>> Artefacts(haze_db=None).side_lobes_db
+    -22.0
+    >>> Artefacts.harmonic().side_lobes_db
+    -34.0
+    """
+
+    diffuse: bool = True
+    side_lobes_db: float | None = -22.0
+    haze_db: float | None = 0.0
+    tail_db: float | None = -30.0
+    needle: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("side_lobes_db", "haze_db", "tail_db"):
+            level = getattr(self, name)
+            if level is not None and not _validate.real(name, level) <= 20:
+                raise ValueError(f"{name} = {level} is too loud; give at most 20 dB, or None for none")
+
+    @classmethod
+    def none(cls) -> Artefacts:
+        """Return those of clean beams."""
+        return cls(diffuse=False, side_lobes_db=None, haze_db=None, tail_db=None, needle=False)
+
+    @classmethod
+    def harmonic(cls) -> Artefacts:
+        """Return those of tissue harmonic imaging, which side lobes and the near field hardly excite (set by eye)."""
+        return cls(side_lobes_db=-34.0, haze_db=-8.0, tail_db=-36.0)

@@ -1,0 +1,172 @@
+"""What is heard beside the beam, as the core adds it: a second beam, wide and weak, and reverberation.
+
+The wide beam is rendered like the first, from the same tissue, needle and displacement, with a quarter of the
+lines: where scatterers stand for 18 times the volume, few of them do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fields.grid_field import GridField
+from .aimed import Aimed
+from .artefacts import Artefacts
+from .optics import Optics, Scan, picture_plane
+from .phantom import Phantom
+from .probe import Probe
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_WIDER, _THICKER, _FEWER_LINES = 6.0, 3.0, 4
+_WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS = 24, 128, 32
+_HAZE_DB_MM_MHZ = 0.34  # fall of the haze with depth: 1.2 dB/mm at 3.5 MHz
+_FAINTEST_HAZE_DB = -60.0
+_BANDS, _BAND_MM_MHZ, _BAND_DB, _BAND_FALL_DB = 6, 3.9, 12.0, 4.5  # echoes in the lens, one under the other
+_TAIL_MM = 12.0
+_TAIL_RUN = 16
+_TAIL_DB_CM_MHZ = 0.6  # lost on the way as elsewhere
+
+
+class ClutterInput(NamedTuple):
+    """The last arguments of the core's ``BmodePlan.render``."""
+
+    wide: Floats
+    wide_scale: Floats
+    haze: Floats
+    texture: Floats
+    tail_level: float
+    tail_keep: float
+
+
+NO_CLUTTER = ClutterInput(
+    np.zeros((0, 0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, 0, 2), np.float32),
+    np.zeros((0, 0, 2), np.float32), 0.0, 0.0,
+)  # fmt: skip
+
+
+class Clutter:
+    """What a probe hears beside its beam; poses of it share what does not depend on the pose."""
+
+    def __init__(self, artefacts: Artefacts, optics: Optics, margin_mm: float, seed: int) -> None:
+        self.artefacts, self.optics, self._seed = artefacts, optics, seed
+        self._wide: Aimed | None = None
+        if artefacts.side_lobes_db is not None:
+            beam = Optics(wide_probe(optics.probe), _WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS)
+            scan = Scan.of(beam.probe, picture_plane(beam.probe, np.eye(4), (2, 2)))  # no one sees it
+            self._wide = Aimed(beam, scan, margin_mm)
+
+    def moved(self) -> Clutter:
+        """Return the same for another pose."""
+        other = object.__new__(Clutter)
+        other.__dict__.update(self.__dict__)
+        if self._wide is not None:
+            other._wide = self._wide.anew(self._wide.scan)
+        return other
+
+    def heard(
+        self,
+        phantom: Phantom,
+        probe_to_reference: Array,
+        field: GridField,
+        largest_mm: float,
+        needle: tuple[Floats, Floats],
+        noise: Floats,
+    ) -> ClutterInput:
+        """Return what the core adds to a frame."""
+        wide, scale = NO_CLUTTER[:2]
+        if self._wide is not None:
+            power = self.optics.speckle_power
+            self._wide.look(
+                phantom, probe_to_reference, field, largest_mm, self._seed, diffuse=False, power=power
+            )  # fmt: skip
+            wide, scale = self._rendered(self._wide, field, needle, noise), self._wide_scale
+        level, keep = self._tail
+        texture = NO_CLUTTER.texture if level == 0 else self._texture
+        return ClutterInput(wide, scale, self._haze, texture, level, keep)
+
+    def _rendered(self, aimed: Aimed, field: GridField, needle: tuple[Floats, Floats], noise: Floats) -> Floats:
+        probe, narrow = aimed.optics.probe, self.optics.probe
+        echoes, shadow = needle
+        echoes = echoes * np.array([(probe.lines - 1) / (narrow.lines - 1), 1, 1, 1], np.float32)
+        of = np.linspace(0, narrow.lines - 1, probe.lines)
+        shadow = np.stack([np.interp(of, np.arange(narrow.lines), row) for row in shadow]).astype(np.float32)
+        iq, _, _ = aimed.plan.render(
+            field.along_axes, field.grid.spacing, echoes, shadow, 0.5, noise, 0.0, self._no_offset, 60.0, *NO_CLUTTER
+        )  # fmt: skip
+        found: Floats = iq
+        return found
+
+    @cached_property
+    def _no_offset(self) -> Floats:
+        return np.zeros(self.optics.probe.samples, np.float32)
+
+    @cached_property
+    def _wide_scale(self) -> Floats:
+        """Amplitude that brings the wide beam's speckle to its level below the narrow one's."""
+        assert self._wide is not None and self.artefacts.side_lobes_db is not None
+        ratio = self.optics.speckle_power / self._wide.optics.speckle_power
+        scale: Floats = (np.sqrt(ratio) * 10 ** (self.artefacts.side_lobes_db / 20)).astype(np.float32)
+        return scale
+
+    @cached_property
+    def _tail(self) -> tuple[float, float]:
+        """Share of the power before it that sounds, and of the power that is left from one run to the next."""
+        if self.artefacts.tail_db is None:
+            return 0.0, 0.0
+        probe = self.optics.probe
+        run = _TAIL_RUN * probe.sample_mm
+        fades = float(np.exp(-run / _TAIL_MM))
+        lost = 10 ** (-2 * _TAIL_DB_CM_MHZ * probe.frequency_mhz * run / 10 / 10)
+        return float(10 ** (self.artefacts.tail_db / 10) * (1 - fades)), fades * float(lost)
+
+    @cached_property
+    def _texture(self) -> Floats:
+        """(lines, samples, 2) speckle of power 1, of this probe's pulse and beam."""
+        probe, lateral = self.optics.probe, self.optics.lateral
+        random = np.random.default_rng([self._seed, 5])
+        pulse, half = self.optics.axial[::2], len(lateral) // 2
+        padded = random.standard_normal((probe.lines + 2 * half, probe.samples + len(pulse) - 1, 2)).astype(np.float32)
+        along = sum(tap * padded[:, k : k + probe.samples] for k, tap in enumerate(pulse.astype(np.float32)))
+        assert not isinstance(along, int)
+        taps = lateral.astype(np.float32)[..., None]
+        across = sum(tap * along[k : k + probe.lines] for k, tap in enumerate(taps))
+        power = 2 * (pulse**2).sum() * (lateral**2).sum(axis=0)
+        texture: Floats = np.ascontiguousarray(across / np.sqrt(power)[:, None], np.float32)
+        return texture
+
+    @cached_property
+    def _haze(self) -> Floats:
+        """(lines, first samples, 2): speckle that falls with depth, and the lens's echoes, alike in all lines."""
+        level = self.artefacts.haze_db
+        if level is None:
+            return NO_CLUTTER.haze
+        probe, fall = self.optics.probe, _HAZE_DB_MM_MHZ * self.optics.probe.frequency_mhz
+        end = min(probe.samples, 1 + int((level - _FAINTEST_HAZE_DB) / fall / probe.sample_mm))
+        r = probe.ranges[:end]
+        rms = np.sqrt(self.optics.speckle_power[:end])
+        haze = self._texture[:, :end] * (rms * 10 ** ((level - fall * r) / 20))[:, None]
+        bands = np.arange(_BANDS)
+        apart = _BAND_MM_MHZ / probe.frequency_mhz
+        heights = 10 ** ((level + _BAND_DB - _BAND_FALL_DB * bands) / 20) * (-1.0) ** bands
+        pulse = np.exp(-(((r[:, None] - apart * bands) / probe.axial_sigma) ** 2) / 2)
+        haze[..., 0] += (pulse @ heights) * rms
+        found: Floats = np.ascontiguousarray(haze, np.float32)
+        return found
+
+
+def wide_probe(probe: Probe) -> Probe:
+    """Return the probe of the side lobes: six times as wide, three times as thick, a quarter of the lines."""
+    return replace(
+        probe,
+        lines=max(16, -(-probe.lines // _FEWER_LINES)),
+        f_number=probe.f_number * _WIDER,
+        active_aperture_mm=probe.active_aperture_mm / _WIDER,
+        elevation_mm=probe.elevation_mm * _THICKER,
+        elevation_spread=probe.elevation_spread * _THICKER,
+    )

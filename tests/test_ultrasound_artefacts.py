@@ -1,0 +1,192 @@
+"""What a real image shows beyond clean beams: surfaces from all sides, walls, clutter, haze, and their switches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from builds import INSTRUCTION_SETS, needs_core
+from liver import CURVED, FLAT, LINEAR, a_field, liver_scanner, speckle
+from sonospline import _core
+from sonospline.geometry import facing
+from sonospline.geometry.volume import Volume
+from sonospline.ultrasound import AcousticTissue, Artefacts, Display, Phantom, Probe, Scanner
+
+NONE = Artefacts.none()
+SURFACES = replace(NONE, diffuse=True)
+OIL = AcousticTissue(name="oil", speed_m_s=1400, density_kg_m3=900, attenuation_db_cm_mhz=0, backscatter_db=-200)
+SMALL = Probe.linear(depth_mm=50, lines=64, aperture_mm=25)
+QUIET = Display(noise_db=-150)
+
+
+def halves(below):
+    """Gel over something, which begins at z = 24, and nothing in either that echoes but their surface."""
+    voxels = np.zeros((90, 30, 60), np.uint8)
+    voxels[:, :, 24:] = 1
+    return Phantom(
+        Volume(voxels=voxels, spacing=(1, 1, 1)), {0: replace(OIL, name="lighter", density_kg_m3=850), 1: below}
+    )
+
+
+def surface_db(degrees, artefacts, field=None):
+    """Level of the surface, seen so far from square, in the middle of the image; mean of power over 24 beams."""
+    tilt = np.radians(degrees)
+    depth = (np.sin(tilt), 0, np.cos(tilt))
+    start = np.array([45, 15, 23.5]) - 22 * np.array(depth)
+    pose = facing(start, depth=depth, right=(np.cos(tilt), 0, -np.sin(tilt)))
+    image = Scanner(halves(OIL), SMALL, pose, display=QUIET, artefacts=artefacts, margin_mm=20).render(field)
+    return 10 * np.log10(np.mean(np.square(image.envelope[20:44]).max(axis=1)))
+
+
+def test_a_surface_is_seen_from_the_side_12_to_20_db_below_its_mirror():
+    levels = [surface_db(degrees, SURFACES) for degrees in (0, 30, 60)]
+    assert -20 < levels[1] - levels[0] < -8
+    assert -22 < levels[2] - levels[0] < -10
+    assert surface_db(60, NONE) - surface_db(0, NONE) < -35
+
+
+def test_normals_turn_with_the_tissue():
+    """A shear that lays the surface square to the beam makes it as bright as one that was; undeformed, it is dark."""
+    grid = ss.Grid.covering((90, 30, 60), nodes=2000)
+    shear = np.zeros((*grid.shape, 3), np.float32)
+    shear[..., 2] = np.tan(np.radians(-20.0)) * (grid.points[:, 0].reshape(grid.shape) - 45)
+    turned = ss.GridField(grid, shear)
+    mirror = replace(OIL, roughness_db=-60)
+
+    def level(artefacts):
+        tilt = np.radians(20.0)
+        depth = np.array([np.sin(tilt), 0, np.cos(tilt)])
+        pose = facing(np.array([45, 15, 23.5]) - 22 * depth, depth=depth, right=(np.cos(tilt), 0, -np.sin(tilt)))
+        made = Scanner(halves(mirror), SMALL, pose, display=QUIET, artefacts=artefacts, margin_mm=20)
+        return 20 * np.log10(made.render(turned).envelope[28:36].max())
+
+    assert level(SURFACES) == pytest.approx(surface_db(0, SURFACES), abs=3)
+    assert level(NONE) < level(SURFACES) - 5
+
+
+def test_a_fluid_has_a_wall_of_two_lines():
+    fluid = replace(OIL, name="fluid", wall_mm=1.5)
+
+    def peaks(below, artefacts):
+        pose = facing((45, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))
+        image = Scanner(halves(below), SMALL, pose, display=QUIET, artefacts=artefacts).render()
+        line = np.mean(image.envelope[20:44], axis=0)
+        loud = np.flatnonzero((line[1:-1] > line[:-2]) & (line[1:-1] >= line[2:]) & (line[1:-1] > 0.1 * line.max()))
+        return (loud + 1) * SMALL.sample_mm
+
+    assert len(peaks(OIL, SURFACES)) == len(peaks(fluid, NONE)) == 1
+    assert np.ptp(peaks(fluid, SURFACES)) == pytest.approx(1.5, abs=0.1)
+
+
+def cyst(diameter_mm=7.0, depth_mm=60.0):
+    """A probe over liver with a ball of fluid in it, and the lines and samples well inside that ball."""
+    voxels = np.zeros((161, 41, 181), np.uint8)
+    place = [
+        (np.arange(n) * 0.5).reshape([-1 if a == axis else 1 for a in range(3)]) for axis, n in enumerate(voxels.shape)
+    ]
+    voxels[sum((p - c) ** 2 for p, c in zip(place, (40, 10, depth_mm + 4), strict=True)) < (diameter_mm / 2) ** 2] = 1
+    phantom = Phantom(Volume(voxels=voxels, spacing=(0.5,) * 3), {0: "liver", 1: "urine"})
+    probe = Probe.curvilinear(depth_mm=80, lines=96, aperture_mm=30)
+    pose = facing((40, 10, 4), depth=(0, 0, 1), right=(1, 0, 0))
+    inside = np.s_[45:51, round((depth_mm - 1) / probe.sample_mm) : round((depth_mm + 1) / probe.sample_mm)]
+    return phantom, probe, pose, inside
+
+
+@pytest.mark.slow
+def test_a_small_cyst_is_dark_and_not_black():
+    phantom, probe, pose, inside = cyst()
+    grey = {
+        name: Scanner(phantom, probe, pose, display=FLAT, artefacts=artefacts).render().beams[inside].mean()
+        for name, artefacts in {"none": NONE, "all": Artefacts(), "harmonic": Artefacts.harmonic()}.items()
+    }
+    assert grey["none"] < 8
+    assert 8 < grey["all"] < 60
+    assert grey["harmonic"] < grey["all"]
+
+
+@pytest.mark.parametrize("part", ["side_lobes_db", "haze_db", "tail_db"])
+def test_every_level_is_a_switch_and_a_number(part):
+    """Off it adds nothing; 20 dB more are 20 dB more."""
+    clean = liver_scanner(LINEAR).render().iq
+
+    def added(level):
+        return liver_scanner(LINEAR, artefacts=replace(NONE, **{part: level})).render().iq - clean
+
+    assert not added(None).any()
+    assert np.linalg.norm(added(-20.0)) == pytest.approx(10 * np.linalg.norm(added(-40.0)), rel=0.02)
+
+
+def test_side_lobes_stand_at_their_level_in_uniform_speckle():
+    clean = liver_scanner(CURVED)
+    lobes = liver_scanner(CURVED, artefacts=replace(NONE, side_lobes_db=-20.0))
+    added = lobes.render().iq - clean.render().iq
+    middle = np.s_[30:-30, 150:-60]
+    power = np.abs(added[middle]) ** 2 / clean.optics.speckle_power[middle[1]]
+    lost = np.abs(clean.render().iq[middle]) ** 2 / clean.optics.speckle_power[middle[1]]
+    assert 10 * np.log10(power.mean() / lost.mean()) == pytest.approx(-20, abs=1)
+
+
+def test_haze_lies_under_the_face_alone():
+    hazy = liver_scanner(LINEAR, artefacts=replace(NONE, haze_db=0.0)).render().envelope
+    clean = liver_scanner(LINEAR).render().envelope
+    assert np.array_equal(hazy[:, 700:], clean[:, 700:])
+    assert hazy[:, :30].mean() > 1.3 * clean[:, :30].mean()
+
+
+@needs_core
+@pytest.mark.slow
+@pytest.mark.parametrize("probe", [LINEAR, CURVED, Probe.phased(depth_mm=100, lines=128)], ids=lambda p: p.kind)
+def test_every_instruction_set_agrees_with_the_twin_with_all_parts_on(probe, native, monkeypatch):
+    voxels = np.zeros((70, 30, 60), np.uint8)
+    voxels[:, :, 20:40], voxels[30:, :, 40:], voxels[20:30, :, 10:18] = 1, 2, 3
+    names = {0: "liver", 1: "muscle", 2: "urine", 3: "blood"}
+    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), names)
+    pose = facing((35, 18, 1), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
+    field, needle = a_field((70, 36, 66)), ss.Needle((60, 15, 10), (40, 18, 40))
+
+    def image(back_end):
+        monkeypatch.setattr(_core, "active", back_end)
+        return Scanner(phantom, probe, pose, artefacts=Artefacts()).render(field, needle, frame=1)
+
+    expected = image(_core.twin)
+    weight = 1 / np.sqrt(expected.optics.speckle_power)
+    rms = np.sqrt(np.mean(np.abs(expected.iq * weight) ** 2))
+    for name in INSTRUCTION_SETS:
+        native.use_instruction_set(name)
+        found = image(native)
+        assert np.sqrt(np.mean(np.abs((found.iq - expected.iq) * weight) ** 2)) < 1e-4 * rms
+        assert np.abs(found.beams.astype(int) - expected.beams).max() <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("probe", [LINEAR, CURVED], ids=lambda p: p.kind)
+def test_speckle_stays_rayleigh_with_all_parts_on(probe):
+    part = np.concatenate(
+        [speckle(liver_scanner(probe, seed, artefacts=Artefacts()).render())[:, 200:] for seed in range(4)]
+    )
+    assert part.mean() / part.std() == pytest.approx(1.913, abs=0.06)
+
+
+def test_a_moved_scanner_shows_what_a_new_one_would():
+    scanner = liver_scanner(CURVED, artefacts=Artefacts())
+    before = scanner.render(a_field()).iq
+    pose = facing((72, 14, 5), depth=(0.1, 0.05, 1), right=(1, 0, 0))
+    new = Scanner(scanner.phantom, CURVED, pose, display=FLAT, margin_mm=0.2, artefacts=Artefacts())
+    assert np.array_equal(scanner.moved(pose).render(a_field()).iq, new.render(a_field()).iq)
+    assert np.array_equal(scanner.render(a_field()).iq, before)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (lambda: Artefacts(haze_db=np.nan), "haze_db"),
+        (lambda: Artefacts(side_lobes_db=40), "side_lobes_db = 40 is too loud"),
+        (lambda: replace(OIL, roughness_db=3), "roughness_db = 3 of oil"),
+        (lambda: replace(OIL, wall_mm=-1), "wall_mm"),
+        (lambda: liver_scanner(LINEAR, artefacts="all"), "artefacts = 'all'"),
+    ],
+)
+def test_levels_that_are_none_are_refused(made, message):
+    with pytest.raises(ValueError, match=message):
+        made()
