@@ -12,16 +12,18 @@ from scipy.spatial.transform import Rotation
 
 import sonospline as ss
 from link_client import LinkClient, eventually
+from link_poses import turned
 from simulator_scenes import SMALL_PAPER
 from sonospline import igtl
 from sonospline.geometry import facing
 from sonospline.io.volumes import write_volume
-from sonospline.link import CoordinateDefinition, PageLink, ScannerNames, TransformRepository
+from sonospline.link import CoordinateDefinition, PageLink, ScannerNames
 from sonospline.link.coordinate_frames import CoordinateFrames
 from sonospline.link.frame_messages import messages_of
 from sonospline.link.mesh_messages import MeshMessages
 from sonospline.link.needle_pose import needle_at, pose_along
 from sonospline.simulator import Console, Runner, SceneFile, make_scene
+from sonospline.tracking import TransformRepository
 
 SPOT = np.array([31.3, 28.7, 24.9])
 AXES = {
@@ -36,15 +38,6 @@ probe = {{kind = "linear", depth_mm = 40, lines = 64}}
 name = "spot"
 at = [{0}, {1}, {2}]
 """
-
-
-def turned(seed, mm=40):
-    """A rigid pose, drawn."""
-    draw = np.random.default_rng(seed)
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.random(random_state=int(draw.integers(1 << 30))).as_matrix()
-    pose[:3, 3] = draw.uniform(-mm, mm, 3)
-    return pose
 
 
 def sent(frame, tip, names=None, **options):

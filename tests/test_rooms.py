@@ -23,7 +23,7 @@ FLOORS = (
     {"contact"},
     {"models"},
     {"fem", "ultrasound"},
-    {"simulator", "igtl"},
+    {"simulator", "igtl", "tracking"},
     {"training"},
     {"lab"},
     {"link"},

@@ -11,19 +11,14 @@ import pytest
 
 import sonospline as ss
 from link_client import LinkClient, eventually
+from link_poses import SMALL_BLOCK
 from sonospline import igtl
 from sonospline.link import Scanner, ScannerNames
-
-SCENE = """name = "Small block"
-tissue = {source = "gel block", voxel_mm = 1.0, nodes = 5000}
-probe = {kind = "linear", frequency_mhz = 3, depth_mm = 40, lines = 64}
-needle = {u = -34, angle = 38}
-"""
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return ss.Session(ss.simulator.make_scene(ss.simulator.SceneFile.parse(SCENE)), model="kelvinlet").scene
+    return ss.Session(ss.simulator.make_scene(ss.simulator.SceneFile.parse(SMALL_BLOCK)), model="kelvinlet").scene
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from sonospline import (
     mechanics,
     models,
     simulator,
+    tracking,
     training,
     ultrasound,
 )
@@ -34,7 +35,7 @@ PACKAGES = [
     for name in (
         *("", ".geometry", ".fields", ".mechanics", ".models", ".models.elastic", ".models.spline"),
         *(".elasticity", ".contact", ".models.kelvinlet", ".ultrasound", ".fem", ".simulator", ".training"),
-        *(".igtl", ".link"),
+        *(".igtl", ".link", ".tracking"),
     )
 ]
 LONGEST = 200
@@ -269,7 +270,9 @@ MAKERS = {
     link.Felt: lambda: link.FakeDevice((0, 0, 0)).move(lambda now: (1, 2, 3), seconds=0.1),
     link.ForceReading: lambda: link.ForceReading((1 / 3, 0.0, 0.0), 0.0, 0.0, 0.0, 1e-7 / 3, "felt"),
     link.ForceTiming: lambda: link.ForceTiming(600_000, 0, 1 / 30, 1 / 3, 2 / 3),
-    link.TransformRepository: lambda: link.TransformRepository(),
+    tracking.TransformRepository: tracking.TransformRepository,
+    tracking.Clutch: tracking.Clutch,
+    tracking.PoseTrack: tracking.PoseTrack,
     contact.FrozenContact: lambda: shaft(tip_mm=(100 / 3, 0, 0), axis=(1, 1, 1)),
     link.PageDevice: lambda: link.PageDevice(10 / 3),
     link.PageForce: lambda: link.PageForce((1 / 3, 0.0, 0.0), 1 / 3, 1 / 3, 1 / 7),
@@ -293,13 +296,16 @@ LEFT_OUT = {
         link.HaplyInverse,
         link.CoordinateDefinition,
         link.LinkServer,
+        link.LinkClient,
         link.PageLink,
+        link.TrackerDevice,
         link.Scanner,
         link.ScannerNames,
         link.UdpDevice,
     ),  # a protocol; what needs a core, a service, a port
     *(simulator.Command, simulator.Knobs, simulator.SceneFile, simulator.Constrained),  # settings, all of them scalars
     igtl.Framer,  # a stream
+    tracking.RecordedHand,  # a thread
     *(training.Attempt, training.Expert, training.Hand, training.Novice),  # which hold no arrays
     *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays
 }

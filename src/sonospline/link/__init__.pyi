@@ -8,6 +8,7 @@ from .force_loop import ForceLoop as ForceLoop
 from .force_loop import ForceReading as ForceReading
 from .force_loop import ForceTiming as ForceTiming
 from .haply_inverse import HaplyInverse as HaplyInverse
+from .link_client import LinkClient as LinkClient
 from .link_connection import ClientInfo as ClientInfo
 from .link_server import LinkServer as LinkServer
 from .page_device import PageDevice as PageDevice
@@ -16,5 +17,5 @@ from .page_link import PageLink as PageLink
 from .scanner import Scanner as Scanner
 from .scanner_names import CoordinateDefinition as CoordinateDefinition
 from .scanner_names import ScannerNames as ScannerNames
-from .transform_repository import TransformRepository as TransformRepository
+from .scanner_names import TrackerDevice as TrackerDevice
 from .udp_device import UdpDevice as UdpDevice

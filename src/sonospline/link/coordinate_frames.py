@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.pose import rigid
+from ..tracking.transform_repository import TransformRepository, frames_of
 from .scanner_names import ScannerNames
-from .transform_repository import TransformRepository, frames_of
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,7 @@ class CoordinateFrames:
         self.tip_to_needle = self._rigid(self.tip, self.needle)
         self.face_to_probe = self._rigid(TRANSDUCER, self.probe)
         self.world_to_reference = self._rigid(WORLD, self.reference)
+        self.reference_to_world = self._rigid(self.reference, WORLD)
 
     def _rigid(self, source: str, target: str) -> Array:
         return np.eye(4) if source == target else rigid(f"{source}To{target}", self.known.get(f"{source}To{target}"))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from .. import igtl
 from ..models.contract import NeedleForce
 from ..simulator.simulated_frame import SimulatedFrame
+from ..tracking.transform_repository import TransformRepository
 from .coordinate_frames import IMAGE, CoordinateFrames
-from .transform_repository import TransformRepository
 
 Array = NDArray[np.float64]
 

@@ -51,6 +51,8 @@ class LinkServer:
         to answer that client with, and must not take long.
     reads : iterable of str, optional
         Types that ``receive`` wants (``"TRANSFORM"``); others are skipped unread.
+    greet : callable, optional
+        Called when a client has come, in the server's thread.
     clients : int, default: 16
         At once, at most.
     keep_alive_s : float, default: 0.25
@@ -87,13 +89,14 @@ class LinkServer:
         host: str = "127.0.0.1",
         receive: Receive | None = None,
         reads: Iterable[str] | None = None,
+        greet: Callable[[], object] | None = None,
         clients: int = 16,
         keep_alive_s: float = KEEP_ALIVE_S,
         patience_s: float = PATIENCE_S,
         messages_s: int = MOST_MESSAGES_S,
         most_bytes: int = 1 << 26,
     ) -> None:
-        self._receive, self._most = receive, _validate.count("clients", clients)
+        self._receive, self._greet, self._most = receive, greet, _validate.count("clients", clients)
         self._limits = Limits(
             NEWEST_VERSION, _validate.count("most_bytes", most_bytes),
             _validate.number("patience_s", patience_s, positive=True), _validate.count("messages_s", messages_s),
@@ -152,6 +155,8 @@ class LinkServer:
             logger.warning("%s came, and %d clients are connected already: sent away", connection, self._most)
             return False
         self._connections = (*self._connections, connection)
+        if self._greet is not None:
+            self._greet()
         return True
 
     def left(self, connection: Connection) -> None:

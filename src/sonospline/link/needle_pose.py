@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.needle import Needle
+from ..simulator.scene import Scene
 from ..simulator.skin_frame import SkinFrame
 
 Array = NDArray[np.float64]
 
 _LEAST_SLOPE = 0.05
 """Cosine between needle and skin's normal below which it does not enter (assumed)."""
+_OFF_SKIN_MM = 10.0
+"""How far a fiducial may be off the skin and still be on it."""
 
 
 def needle_at(tip_to_world: Array, skin: SkinFrame) -> Needle | None:
@@ -40,3 +43,29 @@ def pose_along(tip: Array, direction: Array) -> Array:
     pose = np.eye(4)
     pose[:3] = np.column_stack([x, np.cross(z, x), z, tip])
     return pose
+
+
+def waiting_pose(scene: Scene) -> Array:
+    """Return the pose of a needle that nobody has moved: it waits at the skin."""
+    start, skin = scene.start.needle, scene.frame
+    return pose_along(skin.entry(start), skin.direction(start))
+
+
+def pose_towards(entry: Array, target: Array, scene: Scene) -> Array:
+    """Return the pose of a needle that waits at a point of the skin, towards a target.
+
+    Raises
+    ------
+    ValueError
+        The point is more than 10 mm off the skin or beside it, or the way runs along it.
+    """
+    skin = scene.frame
+    off = float((entry - skin.origin) @ skin.depth)
+    if abs(off) > _OFF_SKIN_MM:
+        raise ValueError(f"entry is {abs(off):.3g} mm off the skin; place it within {_OFF_SKIN_MM:g} mm of it")
+    on_skin = entry - off * skin.depth
+    scene.tissue.check_inside(entry=on_skin)
+    along = target - on_skin
+    if along @ skin.depth < _LEAST_SLOPE * np.linalg.norm(along):
+        raise ValueError("entry leads along the skin to the target; place it above the target")
+    return pose_along(on_skin, along)

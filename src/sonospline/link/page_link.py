@@ -9,7 +9,9 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from ..geometry.needle import Needle
 from ..simulator.command import ImageSettings
+from ..simulator.console import Console
 from ..simulator.console_frame import ConsoleFrame
 from ..simulator.runner import Runner
 from ..simulator.scene import Scene
@@ -18,7 +20,7 @@ from ..simulator.stamp import Stamp
 from ..simulator.subscription import Subscription
 from .link_server import PORT, LinkServer
 from .link_station import LinkStation
-from .needle_pose import needle_at, pose_along
+from .needle_pose import needle_at, pose_along, pose_towards
 from .scanner_names import ScannerNames
 from .tool_tracking import ToolTracking
 
@@ -47,8 +49,9 @@ class PageLink:
 
     def __init__(self, *, port: int = PORT, host: str = "127.0.0.1", names: ScannerNames | None = None) -> None:
         self._lock = threading.Lock()
-        self._shown: tuple[Runner, Subscription] | None = None
+        self._shown: Runner | None = None
         self._last: tuple[ConsoleFrame, Stamp] | None = None
+        self._watched: list[Subscription] = []
         self._due = 0.0
         self.station = LinkStation(self, ScannerNames() if names is None else names, port=port, host=host)
 
@@ -59,11 +62,11 @@ class PageLink:
 
     def watch(self, runner: Runner) -> Subscription:
         """Show a session's frames from now on, when it is its turn, until it ends."""
-        found: list[Subscription] = []
         subscription = runner.subscribe(
-            lambda frame, stamp: self._take(runner, found[0], frame, stamp), ready=lambda: bool(self.server.clients)
+            lambda frame, stamp: self._take(runner, frame, stamp), ready=lambda: bool(self.server.clients)
         )
-        found.append(subscription)
+        with self._lock:
+            self._watched = [one for one in (*self._watched, subscription) if not one.closed]
         return subscription
 
     def close(self) -> None:
@@ -83,7 +86,7 @@ class PageLink:
     def scene(self) -> Scene | None:
         """Of the session that is shown."""
         shown = self._shown
-        return None if shown is None else shown[0].console.scene
+        return None if shown is None else shown.console.scene
 
     @property
     def settings(self) -> ImageSettings:
@@ -93,6 +96,23 @@ class PageLink:
     def change(self, settings: ImageSettings) -> None:
         """Ask for other settings of the image; FieldError for those beyond the scene's."""
         self._command(image=settings)
+
+    def aim(self, *, target: Array | None = None, entry: Array | None = None) -> None:
+        """Put the page's target somewhere, or have its needle wait at a point of the skin."""
+        shown = self._shown
+        if shown is not None:
+            shown.do(lambda console: _aim(console, target))
+            if entry is not None:
+                self._wait_at(entry, self._newest()[0].target_rest if target is None else target)
+
+    def load(self, scene: Scene) -> None:
+        """Refuse: which scene is shown is for the page to say."""
+        raise ValueError("a page chooses its own scene; run sonospline link without one to send scenes")
+
+    def greet(self) -> None:
+        """Have sessions that wait for a client go on."""
+        for subscription in self._watched:
+            subscription.wake()
 
     def follow(self, tracking: ToolTracking) -> None:
         """Have the session's needle and probe follow what trackers say."""
@@ -115,26 +135,38 @@ class PageLink:
         with self._lock:
             shown = self._shown
         if shown is not None:
-            shown[0].console.scene.check(command)
-            shown[0].submit(command, stamp.seq)
+            shown.console.scene.check(command)
+            shown.submit(command, stamp.seq)
+
+    def _wait_at(self, entry: Array, target: Array) -> None:
+        scene = self.scene
+        if scene is not None:
+            place = pose_towards(entry, target, scene)
+            needle = scene.frame.needle_command(Needle(place[:3, 3], place[:3, 3] + place[:3, 2]))
+            self._command(needle=replace(needle, depth=0.0))
 
     def _newest(self) -> tuple[ConsoleFrame, Stamp]:
         if self._last is None:
             raise ValueError("no page is open; open one, and it can be moved")
         return self._last
 
-    def _take(self, runner: Runner, subscription: Subscription, frame: ConsoleFrame, stamp: Stamp) -> None:
+    def _take(self, runner: Runner, frame: ConsoleFrame, stamp: Stamp) -> None:
         """Show a frame, no more often than asked for: one that comes meanwhile waits, and the newest wins."""
         with self._lock:
-            if self._shown is None or self._shown[1].closed:
-                self._shown = (runner, subscription)
-            if self._shown[1] is not subscription:
+            if self._shown is None or not self._shown.alive:
+                self._shown = runner
+            if self._shown is not runner:
                 return
             self._last = (frame, stamp)
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + 1 / self.station.names.AcquisitionRate
         tip = self.station.tracking.tip()
         self.station.show(frame, runner.console.scene, pose_along(frame.tip, frame.direction) if tip is None else tip)
+
+
+def _aim(console: Console, target: Array | None) -> None:
+    if target is not None:
+        console.session.choose_target(console.session.target, target)
 
 
 def _standing(face_to_world: Array, skin: SkinFrame, press_mm: float) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +17,8 @@ from ..simulator.scene import Scene
 from ..simulator.session import Session
 from ..simulator.simulated_frame import SimulatedFrame
 from .link_server import PORT, LinkServer
-from .link_station import LinkStation, waiting_pose
-from .needle_pose import needle_at
+from .link_station import LinkStation
+from .needle_pose import needle_at, pose_towards, waiting_pose
 from .scanner_names import ScannerNames
 from .tool_tracking import ToolTracking
 
@@ -66,7 +66,8 @@ class Scanner:
     ) -> None:
         self.session = session
         self._lock, self._ending = threading.Lock(), threading.Event()
-        self._wanted = Wanted()
+        self._wanted, self._waiting = Wanted(), waiting_pose(session.scene)
+        self._actions: list[Callable[[], object]] = []
         self.frames = 0
         """How many were made."""
         self.station = LinkStation(self, ScannerNames() if names is None else names, port=port, host=host)
@@ -114,6 +115,17 @@ class Scanner:
         self.scene.check(replace(self.scene.start, image=settings))
         self.want(settings=settings)
 
+    def aim(self, *, target: Array | None = None, entry: Array | None = None) -> None:
+        """Put the target somewhere, or have the needle wait at a point of the skin, from the next step on."""
+        self._do(lambda: self._aim(target, entry))
+
+    def load(self, scene: Scene) -> None:
+        """Go on in another scene, from the next step on, with its needle out."""
+        self._do(lambda: self._load(scene))
+
+    def greet(self) -> None:
+        """Do nothing: frames are made as soon as anybody is there."""
+
     def follow(self, tracking: ToolTracking) -> None:
         """Do nothing: every step looks where needle and probe are."""
 
@@ -134,11 +146,12 @@ class Scanner:
 
     def _run(self) -> None:
         period, before = 1 / self.names.AcquisitionRate, time.monotonic()
-        due, waiting = before, waiting_pose(self.scene)
+        due = before
         while not self._ending.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             due = max(due + period, now)
             dt, before = min(now - before, _LONGEST_DT_S), now
+            self._act()
             if not self.server.clients:
                 continue  # nobody looks
             try:
@@ -149,8 +162,31 @@ class Scanner:
                 continue
             self.frames += 1
             self.station.show(
-                frame, self.scene, waiting if wanted.tip_to_reference is None else wanted.tip_to_reference
+                frame, self.scene, self._waiting if wanted.tip_to_reference is None else wanted.tip_to_reference
             )
+
+    def _do(self, action: Callable[[], object]) -> None:
+        with self._lock:
+            self._actions.append(action)
+
+    def _act(self) -> None:
+        with self._lock:
+            actions, self._actions = self._actions, []
+        for action in actions:
+            try:
+                action()
+            except ValueError as error:
+                self.station.warn(str(error))
+
+    def _aim(self, target: Array | None, entry: Array | None) -> None:
+        if target is not None:
+            self.session.choose_target(self.session.target, target)
+        if entry is not None:
+            self._waiting = pose_towards(entry, self.session.targets[self.session.target], self.scene)
+
+    def _load(self, scene: Scene) -> None:
+        self.session = Session(scene, model=self.session.model)
+        self._wanted, self._waiting = Wanted(), waiting_pose(scene)
 
     def _newest(self) -> Wanted:
         tracking = self.station.tracking

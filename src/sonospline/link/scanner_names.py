@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from msgspec import structs
 
 from ..io import toml_text
 from ..io.files import read_text
 from ..io.records import LONGEST_LIST, FieldError, Record, about, read
-from .transform_repository import frames_of
+from ..tracking.transform_repository import frames_of
 
 Name = Annotated[str, about("Name of a device", longest=20)]
 Matrix = Annotated[tuple[float, ...], about("rows of a 4 x 4 matrix, mm", longest=16)]
@@ -45,6 +46,36 @@ class CoordinateDefinition(Record, frozen=True, kw_only=True):
     def matrix(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
         """(4, 4)."""
         return np.array(self.Matrix, float).reshape(4, 4)
+
+
+class TrackerDevice(Record, frozen=True, kw_only=True):
+    """A server of OpenIGTLink that is listened to: a tracker, PLUS, 3D Slicer; as a Device is written for PLUS."""
+
+    Id: Annotated[str, about("what to call it", longest=64)] = "TrackerDevice"
+    ServerAddress: Annotated[str, about("its host", longest=255)] = "127.0.0.1"
+    ServerPort: Annotated[int, about("its port", 1, 65_535)] = 18946
+    ToolReferenceFrame: Annotated[str, about("what its poses are in", longest=20)] = "Tracker"
+    Tools: Annotated[tuple[str, ...], about("coordinate systems that it tracks", longest=LONGEST_LIST)] = (
+        "Probe", "Needle", "Reference",
+    )  # fmt: skip
+    MessageType: Annotated[Literal["TRANSFORM", "TDATA"], about("how its poses come")] = "TRANSFORM"
+    Unit: Annotated[Literal["mm", "m"], about("of its places")] = "mm"
+    LatencySec: Annotated[float, about("how old a pose is when it comes; it is guessed ahead by that", 0.0, 0.1)] = 0.0
+    HeaderVersion: Annotated[int, about("of what it is sent: 1 for servers that know no other", 1, 2)] = 2
+
+    def __post_init__(self) -> None:
+        for name in self.transforms:
+            try:
+                frames_of(name)
+            except ValueError:
+                raise FieldError(
+                    ("Tools",), f"to {self.ToolReferenceFrame!r} give no transform; begin with capitals"
+                ) from None
+
+    @property
+    def transforms(self) -> tuple[str, ...]:
+        """The names of its poses."""
+        return tuple(f"{tool}To{self.ToolReferenceFrame}" for tool in self.Tools)
 
 
 class ScannerNames(Record, frozen=True, kw_only=True):
@@ -84,7 +115,12 @@ class ScannerNames(Record, frozen=True, kw_only=True):
         tuple[CoordinateDefinition, ...], about("calibrations and registrations", longest=LONGEST_LIST)
     ] = ()
 
+    Devices: Annotated[tuple[TrackerDevice, ...], about("trackers to listen to", longest=8)] = ()
+    TargetPoint: Annotated[str, about("name of a fiducial that becomes the target", longest=64)] = "Target"
+    EntryPoint: Annotated[str, about("name of one where the needle waits at the skin", longest=64)] = "Entry"
+
     def __post_init__(self) -> None:
+        self._check_sources()
         tools = ("Probe", "Needle", "NeedleTip", "Target")
         references = []
         for key in (*tools, *(f"TransformNames[{k}]" for k in range(len(self.TransformNames)))):
@@ -98,6 +134,33 @@ class ScannerNames(Record, frozen=True, kw_only=True):
             if reference != references[0]:
                 problem = f"is to {reference}, and Probe to {references[0]}; give all of them the same one"
                 raise FieldError((key,), problem)
+
+    def with_tracker(self, address: str) -> Self:
+        """Return them with one more tracker to listen to, given as ``host:port``.
+
+        Raises
+        ------
+        ValueError
+            An address that is none, or a tracker of the same transforms.
+        """
+        host, colon, port = address.rpartition(":")
+        if not colon or not host or not port.isascii() or not port.isdigit() or not 1 <= int(port) <= 65_535:
+            raise ValueError(f"tracker = {address!r} is no address; give host:port, as localhost:18946")
+        device = TrackerDevice(Id=address[:64], ServerAddress=host.strip("[]"), ServerPort=int(port))
+        return structs.replace(self, Devices=(*self.Devices, device))
+
+    def _check_sources(self) -> None:
+        owners: dict[str, str] = {}
+        for number, device in enumerate(self.Devices):
+            for name in device.transforms:
+                if name in owners:
+                    problem = f"gives {name}, which {owners[name]} gives already; leave it out of one of them"
+                    raise FieldError(("Devices", number, "Tools"), problem)
+                owners[name] = device.Id
+            if [one.Id for one in self.Devices].count(device.Id) > 1:
+                raise FieldError(
+                    ("Devices", number, "Id"), f"= {device.Id!r} is there twice; call one of them otherwise"
+                )
 
     @classmethod
     def parse(cls, text: str) -> Self:

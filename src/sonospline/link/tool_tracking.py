@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.pose import rigid
-from .clutch import Clutch
+from ..tracking.clutch import Clutch
+from ..tracking.pose_track import PoseTrack, StampClock
+from ..tracking.transform_repository import TransformRepository, frames_of
 from .coordinate_frames import TRANSDUCER, WORLD, CoordinateFrames
-from .pose_track import PoseTrack, StampClock
-from .transform_repository import TransformRepository, frames_of
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,6 @@ class ToolTracking:
     Parameters
     ----------
     frames : CoordinateFrames
-    owners : mapping of str to str, optional
-        Transforms that only one source may give, by that source's name.
     latency_s : mapping of str to float, optional
         How long before its arrival a pose of a source was true; poses are guessed ahead by it.
     clock : callable, optional
@@ -55,11 +53,11 @@ class ToolTracking:
         self,
         frames: CoordinateFrames,
         *,
-        owners: dict[str, str] | None = None,
         latency_s: dict[str, float] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._frames, self._fixed, self._latency, self._clock = frames, owners or {}, latency_s or {}, clock
+        self._frames, self._latency, self._clock = frames, latency_s or {}, clock
+        self._fixed: dict[str, str] = {}
         self._lock = threading.RLock()
         self._known = frames.known.copy()
         self._tracks: dict[str, PoseTrack] = {}
@@ -69,6 +67,14 @@ class ToolTracking:
         self._clutches = {NEEDLE: Clutch(), PROBE: Clutch()}
         self._ways = {NEEDLE: (frames.tip, WORLD), PROBE: (TRANSDUCER, WORLD)}
         self._devices = {NEEDLE: (frames.names.Needle, frames.names.NeedleTip), PROBE: (frames.names.Probe,)}
+
+    def reserve(self, names: Iterable[str], source: str) -> None:
+        """Take transforms from one source alone from now on; ValueError where another has one of them already."""
+        wanted = {name: source for name in names if self.wants(name)}
+        for name in wanted:
+            if self._fixed.get(name, source) != source:
+                raise ValueError(f"{source} and {self._fixed[name]} both give {name}; leave one of them out")
+        self._fixed |= wanted
 
     def wants(self, name: str) -> bool:
         """Return whether a transform is about any of the coordinate systems that are known here, and no definition."""

@@ -89,7 +89,9 @@ class Session:
         self.scene = scene if isinstance(scene, Scene) else make_scene(scene)
         self.model = registry.spec(model or self.scene.spec.model.use).name
         """Which model answers; :meth:`switch` changes it."""
-        self.target = next(iter(self.scene.targets))
+        self.targets = dict(self.scene.targets)
+        """Places to aim for, at rest: the scene's, and those that :meth:`choose_target` was given."""
+        self.target = next(iter(self.targets))
         """What read-outs are about; :meth:`choose_target` changes it."""
         self.last: SimulatedFrame | None = None
         """The frame in force."""
@@ -158,7 +160,7 @@ class Session:
         imager = self._aimed(poses)
         image = imager.render(field, poses.needle, frame=number, gain_db=poses.settings.gain)
         rendered = time.perf_counter()
-        rest, moved = self.scene.targets[self.target], self._target_moved(answer, background)
+        rest, moved = self.targets[self.target], self._target_moved(answer, background)
         self.last = SimulatedFrame(
             number=number, time_s=now, dt=dt, image=image, probe=imager.probe,
             probe_to_reference=imager.probe_to_reference,
@@ -198,9 +200,19 @@ class Session:
         """Let another model answer, from the next step on; needles and probe stay where they are."""
         self.model = registry.spec(model).name
 
-    def choose_target(self, name: str) -> None:
-        """Aim for another target of the scene, from the next step on."""
-        self.target = _validate.choice("target", name, self.scene.targets)
+    def choose_target(self, name: str, at: ArrayLike | None = None) -> None:
+        """Aim for another target, from the next step on; with ``at`` for a place of your own in undeformed tissue.
+
+        Raises
+        ------
+        ValueError
+            A name that is not known, or a place outside the tissue.
+        """
+        if at is not None:
+            place = _validate.vector("at", at)
+            self.scene.tissue.check_inside(at=place)
+            self.targets[name] = place
+        self.target = _validate.choice("target", name, self.targets)
 
     def warm_up(self, needle: Needle | None = None) -> None:
         """Make what the first push will need, so that it does not wait for it; nothing changes.
@@ -288,7 +300,7 @@ class Session:
         """By the model's own field, and then by the background's."""
         by_needles = answer.field if answer.response is None else answer.response.field
         field = by_needles if background is None else CarriedField(by_needles, background)
-        return field.displacement(self.scene.targets[self.target][None])[0]
+        return field.displacement(self.targets[self.target][None])[0]
 
     def _readouts(
         self, needle: Needle | None, target: Array, moved: Array, imager: Imager, answer: _Answer, excursion: float

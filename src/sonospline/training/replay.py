@@ -65,7 +65,7 @@ def _replayed(recording: Recording, scene: Scene) -> Iterator[Replayed]:
         session.resume(kept[before[at]])
         assert step.model is not None and step.target is not None
         session.switch(step.model)
-        session.choose_target(step.target)
+        session.choose_target(step.target, None if step.target in session.targets else step.target_rest)
         needles = {name: recorded.needle for name, recorded in (step.needles or {}).items()}
         frame = session.step(
             needles=needles, probe_to_reference=pose_of(step), settings=step.settings, tissue=step.tissue, dt=step.dt

@@ -14,7 +14,7 @@ class Clutch:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.link.clutch import Clutch
+    >>> from sonospline.tracking import Clutch
     >>> def at(x):
     ...     pose = np.eye(4)
     ...     pose[0, 3] = x
@@ -44,6 +44,9 @@ class Clutch:
             self._turn = self._hand[:3, :3].T @ self._held[:3, :3]
             self._shift = self._held[:3, 3] - self._hand[:3, 3]
         self.is_open = False
+
+    def __repr__(self) -> str:
+        return f"Clutch({'open' if self.is_open else 'closed'})"
 
     def tool(self, hand: Array) -> Array:
         """Return the tool's pose for a hand's."""

@@ -39,7 +39,7 @@ class PoseTrack:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.link.pose_track import PoseTrack
+    >>> from sonospline.tracking import PoseTrack
     >>> track = PoseTrack()
     >>> for number in range(4):
     ...     pose = np.eye(4)
@@ -82,3 +82,6 @@ class PoseTrack:
         guess[:3, :3] = Rotation.from_rotvec(ahead * spin).as_matrix() @ newest[:3, :3]
         guess[:3, 3] = newest[:3, 3] + ahead * velocity
         return guess
+
+    def __repr__(self) -> str:
+        return f"PoseTrack({len(self._poses)} poses)"

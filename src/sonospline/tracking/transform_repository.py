@@ -20,7 +20,7 @@ def frames_of(name: str) -> tuple[str, str]:
 
     Examples
     --------
-    >>> from sonospline.link.transform_repository import frames_of
+    >>> from sonospline.tracking import frames_of
     >>> frames_of("StylusTipToStylus")
     ('StylusTip', 'Stylus')
     """
@@ -38,7 +38,7 @@ class TransformRepository:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.link import TransformRepository
+    >>> from sonospline.tracking import TransformRepository
     >>> known = TransformRepository()
     >>> known.set("NeedleToTracker", np.diag([1.0, -1, -1, 1]))
     >>> known.set("ReferenceToTracker", np.eye(4))
