@@ -72,7 +72,8 @@ def test_every_knob_says_all_there_is_to_know():
     knobs = described(Command)
     assert [f"{group}.{field}" for group, field, _, _ in knobs] == [
         "needle.depth", "needle.u", "needle.v", "needle.angle", "needle.swing", "probe.slide", "probe.sweep",
-        "probe.rotate", "probe.fan", "image.gain", "image.depth", "image.frequency", "image.focus",
+        "probe.rotate", "probe.fan", "image.gain", "image.depth", "image.frequency", "image.focus", "image.transmit",
+        *(f"image.tgc{slider}" for slider in range(1, 9)),
     ]  # fmt: skip
     for _, _, knob, _ in knobs:
         assert all((knob.name, knob.short, knob.help, knob.down, knob.up))

@@ -11,6 +11,7 @@ from sonospline.geometry import ImagePlane, facing
 from sonospline.geometry.volume import Volume
 from sonospline.mechanics import LineForce, Material, ShaftDisplacement
 from sonospline.models.elastic import ElasticInsertion
+from sonospline.simulator import ImageSettings
 from sonospline.simulator.imaging import ReslicedImager, grey_range
 from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
 from sonospline.ultrasound.acoustics import TISSUES
@@ -48,7 +49,7 @@ def resliced(voxels):
     probe = Probe.linear(depth_mm=15, lines=32, aperture_mm=14)
     imager = ReslicedImager(Reslicer(volume, seen=seen), grey_range(voxels, seen), probe, pose, 1.0)
     still = ss.GridField(ss.Grid(shape=(5, 5, 5), spacing=4), np.zeros((5, 5, 5, 3), np.float32))
-    return imager.render(still, None, frame=0, gain_db=0.0)
+    return imager.render(still, None, frame=0, settings=ImageSettings(gain=0, depth=20, frequency=5, focus=20))
 
 
 @pytest.mark.parametrize("bad", BAD)

@@ -9,7 +9,7 @@ from simulator_scenes import SMALL
 from sonospline.models.elastic import ElasticInsertion
 from sonospline.simulator import Console, SceneFile, Session, make_scene
 from sonospline.simulator.skin_frame import SkinFrame, room_along
-from sonospline.ultrasound import Scanner
+from sonospline.ultrasound import Artefacts, Display, Scanner
 
 
 class Clock:
@@ -122,7 +122,10 @@ def test_every_pixel_is_the_librarys(scene):
     command = at_depth(console, 33.0).with_probe(slide=2.0, fan=4.0).with_image(gain=3.0)
     frame = console.step(command)
     pose = scene.frame.probe_to_reference(command.probe, scene.spec.probe.press_mm)
-    scanner = Scanner(scene.see(scene.probe, pose)._scanner.phantom, scene.probe, pose, margin_mm=8.0)
+    seen = scene.see(scene.probe, pose)._scanner
+    scanner = Scanner(
+        seen.phantom, scene.probe, pose, margin_mm=8.0, display=Display(noise_db=-70), artefacts=Artefacts()
+    )
     scanner = scanner.with_display(gain_db=scanner.display.gain_db + 3.0)
     field = ss.GridField.of(frame.response.field)
     expected = scanner.render(field, the_needle(scene, command), frame=frame.number).frame

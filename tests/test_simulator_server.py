@@ -58,7 +58,7 @@ def test_the_picture_sent_is_the_librarys(running, page):
     field = ss.GridField.of(exact)
     pose = np.array(header["probe_to_reference"]).reshape(4, 4)
     imager = scene.see(scene.probe, pose)
-    expected = imager.render(field, needle, frame=header["noise"], gain_db=0.0)
+    expected = imager.render(field, needle, frame=header["noise"], settings=scene.start.image)
     assert (wire.read_pixels(header, payload) == expected.pixels).all()
     plane = expected.plane
     image_to_reference = np.array(header["image_to_reference"]).reshape(4, 4)

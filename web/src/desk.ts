@@ -148,7 +148,7 @@ export class Desk {
     if (this.switches[name] === on) return;
     this.switches[name] = on;
     if (name === "placing" && !on) for (const id of [ALONG, ACROSS]) this.forget(id);
-    if (name === "grid") this.session.setGrid(on);
+    if (name === "grid") this.session.look({ grid: on });
     if (name === "leftHanded") localStorage.setItem(HAND, on ? "left" : "right");
     this.switched.emit(this.switches);
   }

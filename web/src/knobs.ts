@@ -20,6 +20,13 @@ export const GAIN = "image.gain" satisfies Known;
 export const DEPTH = "image.depth" satisfies Known;
 export const FREQUENCY = "image.frequency" satisfies Known;
 export const FOCUS = "image.focus" satisfies Known;
+export const TRANSMIT = "image.transmit" satisfies Known;
+/** Time-gain compensation, from the face down. */
+export const SLIDERS = [
+  "image.tgc1", "image.tgc2", "image.tgc3", "image.tgc4", "image.tgc5", "image.tgc6", "image.tgc7", "image.tgc8",
+] as const satisfies readonly Known[];
+/** Those of the image that have a menu of their own. */
+export const IN_MENU: readonly string[] = [TRANSMIT, ...SLIDERS];
 
 export function read(command: Command, { group, field }: Knob): number {
   return (command[group] as unknown as Numbers)[field];

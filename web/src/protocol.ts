@@ -3,7 +3,7 @@
 import type { FrameHeader, GeometryHeader, Hello, MeshHeader, Protocol } from "./protocol.gen";
 
 export type {
-  Choice, Command, FrameHeader, Hello, Loading, LoggedEvent, MeshHeader, NeedleCommand, Notice, OfferedModel, ProbeOutline, Readouts, Refused,
+  Choice, Command, FrameHeader, Hello, ImageSettings, Loading, LoggedEvent, MeshHeader, NeedleCommand, Notice, OfferedModel, ProbeOutline, Readouts, Refused,
   SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";
 

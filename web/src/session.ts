@@ -24,6 +24,9 @@ const PACE = 8;
 /** How long a reset can be taken back, ms. */
 export const RESTORE = 8000;
 
+/** Whether the grid is drawn, and frames that may come before the last one was drawn. */
+interface View { grid: boolean; ahead: 0 | 1 }
+
 export class Session {
   hello: Hello | null = null;
   scene: Scene | null = null;
@@ -71,8 +74,7 @@ export class Session {
   private lastHeard = 0;
   private pingedAt = 0;
   private watchedAt = 0;
-  private wantsGrid = false;
-  private ahead: 0 | 1 = 1;
+  private view: View = { grid: false, ahead: 1 };
 
   constructor(private readonly link: Connection) {
     link.opened.on(() => this.restart());
@@ -136,6 +138,11 @@ export class Session {
     if (this.answers) this.ask(this.knob(id), letGo(this.knob(id), this.value(id), this.shown(id), pace));
   }
 
+  /** Choose what of the image's settings is chosen and not moved. */
+  choose(words: Partial<Pick<Command["image"], "mode" | "grey_map" | "pixels">>): void {
+    if (this.answers && this.command) this.want({ ...this.command, image: { ...this.command.image, ...words } });
+  }
+
   private ask(knob: Knob, value: number): void {
     if (!this.command || !Number.isFinite(value)) return;
     // while the needle is in, its entry is where it went in
@@ -193,19 +200,10 @@ export class Session {
     this.link.send({ type: "restore" });
   }
 
-  setGrid(wanted: boolean): void {
-    this.wantsGrid = wanted;
-    this.tellView();
-  }
-
-  /** A page that needs the server's processors to draw gets the next image once it has drawn the last. */
-  drawSlowly(): void {
-    this.ahead = 0;
-    this.tellView();
-  }
-
-  private tellView(): void {
-    this.link.send({ type: "view", grid: this.wantsGrid, ahead: this.ahead });
+  /** What the page shows; one that needs the server's processors to draw gets the next image once it has drawn the last. */
+  look(changes: Partial<View> = {}): void {
+    this.view = { ...this.view, ...changes };
+    this.link.send({ type: "view", ...this.view });
   }
 
   connectNow(): void {
@@ -331,7 +329,7 @@ export class Session {
     this.sceneReady.emit(scene);
     this.commanded.emit(this.command);
     if (again && model !== scene.model) this.chooseModel(model);
-    this.tellView();
+    this.look();
     this.kept = this.resumed = false;
     this.flush(performance.now());
     // until the server is where the hand was, its numbers are of another pose

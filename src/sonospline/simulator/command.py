@@ -1,12 +1,20 @@
 """What a hand asks of the simulator, all of it at once: needle, probe, image, freeze."""
 
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias, get_args
 
 from msgspec.structs import replace
 
-from ..io.records import Record
-from .knobs import Knob, Travel, always
+from .._shown import shown
+from ..io.records import FieldError, Record, about
+from ..ultrasound.display import GREY_MAPS, TGC_SLIDERS
+from .knobs import Knob, Travel, Words, always
 from .tissue_settings import TissueSettings
+
+Mode = Literal["fundamental", "harmonic"]
+if TYPE_CHECKING:
+    GreyMap: TypeAlias = str
+else:
+    GreyMap = Literal[tuple(GREY_MAPS)]
 
 
 class NeedleCommand(Record, frozen=True, kw_only=True):
@@ -94,8 +102,20 @@ class ProbeCommand(Record, frozen=True, kw_only=True):
     ] = 0.0  # fmt: skip
 
 
-class ImageSettings(Record, frozen=True, kw_only=True):
-    """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm."""
+def _slider(number: int) -> Knob:
+    where = {1: " at the face", TGC_SLIDERS: " at the bottom"}.get(number, "")
+    return Knob(
+        name=f"TGC {number}{where}", short=f"TGC {number}", help=f"Time-gain compensation, slider {number}{where}",
+        unit="dB", decimals=0, step=1, rate=12, setting=True, down=f"Less of slider {number}",
+        up=f"More of slider {number}",
+    )  # fmt: skip
+
+
+_TGC = Travel(always(-12.0, 12.0))
+
+
+class ImageSettings(Record, frozen=True, kw_only=True, repr_omit_defaults=True):
+    """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm, mm, dB; and words."""
 
     gain: Annotated[
         float,
@@ -142,6 +162,46 @@ class ImageSettings(Record, frozen=True, kw_only=True):
             lambda scene: scene.probe.elevation_focus_mm,
         ),
     ]  # fmt: skip
+    transmit: Annotated[
+        float,
+        Knob(
+            name="Transmit focus", short="Send", help="Transmit focus, 0: every depth", unit="cm", shown=10, step=5,
+            rate=20, setting=True, down="Send nearer", up="Send deeper",
+        ),
+        Travel(
+            lambda scene: (0.0, 1.6 * scene.probe.depth_mm) if scene.synthetic else (0.0, 0.0),
+            lambda scene: scene.probe.transmit_focus_mm,
+        ),
+    ] = 0.0  # fmt: skip
+    tgc1: Annotated[float, _slider(1), _TGC] = 0.0
+    tgc2: Annotated[float, _slider(2), _TGC] = 0.0
+    tgc3: Annotated[float, _slider(3), _TGC] = 0.0
+    tgc4: Annotated[float, _slider(4), _TGC] = 0.0
+    tgc5: Annotated[float, _slider(5), _TGC] = 0.0
+    tgc6: Annotated[float, _slider(6), _TGC] = 0.0
+    tgc7: Annotated[float, _slider(7), _TGC] = 0.0
+    tgc8: Annotated[float, _slider(8), _TGC] = 0.0
+    pixels: Annotated[
+        int,
+        about("pixels along the picture's longer side", low=128, high=1024),
+        Words(name="Pixels", help="Along the picture's longer side, as many as the pane can show"),
+    ] = 512
+    mode: Annotated[Mode, Words(name="Mode", help="What is heard: what is sent, or its harmonic")] = "fundamental"
+    grey_map: Annotated[GreyMap, Words(name="Grey map", help="What echoes are shown as")] = "linear"
+
+    def __post_init__(self) -> None:
+        for name, words in (("mode", Mode), ("grey_map", GreyMap)):
+            if getattr(self, name) not in get_args(words):
+                known = ", ".join(get_args(words))
+                raise FieldError((name,), f"= {shown(getattr(self, name))} is not known; choose one of {known}")
+        if not (isinstance(self.pixels, int) and 128 <= self.pixels <= 1024):
+            raise FieldError(("pixels",), f"= {shown(self.pixels)} is out of range; give 128 to 1024")
+
+    @property
+    def tgc_db(self) -> tuple[float, ...]:
+        """The eight sliders of time-gain compensation, from the face down; none where all stand in the middle."""
+        sliders = tuple(float(getattr(self, f"tgc{k}")) for k in range(1, TGC_SLIDERS + 1))
+        return sliders if any(sliders) else ()
 
 
 class Command(Record, frozen=True, kw_only=True):
@@ -171,8 +231,8 @@ class Command(Record, frozen=True, kw_only=True):
         """Return the command with some of the probe's numbers changed."""
         return replace(self, probe=replace(self.probe, **changes))
 
-    def with_image(self, **changes: float) -> Self:
-        """Return the command with some of the image's numbers changed."""
+    def with_image(self, **changes: float | str) -> Self:
+        """Return the command with some of the image's numbers and words changed."""
         return replace(self, image=replace(self.image, **changes))
 
     def with_tissue(self, **changes: str) -> Self:

@@ -12,7 +12,7 @@ from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
 from ..ultrasound.artefacts import Artefacts
-from ..ultrasound.display import Display
+from ..ultrasound.display import GREY_MAPS, Display, slider_db
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
 from ..ultrasound.optics import picture_plane
@@ -43,16 +43,15 @@ class Imager(ABC):
         """Return the imager with another probe or at another pose."""
 
     @abstractmethod
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
         """Return the picture of the deformed tissue with the needle in it."""
 
 
 class SyntheticImager(Imager):
     """B-mode of a label map."""
 
-    def __init__(self, scanner: Scanner, probe_to_reference: Array) -> None:
-        self._scanner = scanner
-        self._base = scanner.display.gain_db
+    def __init__(self, scanner: Scanner, probe_to_reference: Array, base: Display) -> None:
+        self._scanner, self._base = scanner, base
         self.probe, self.probe_to_reference = scanner.probe, probe_to_reference
 
     @classmethod
@@ -71,19 +70,25 @@ class SyntheticImager(Imager):
             phantom, probe, probe_to_reference, display=display, needle_echo=echo, artefacts=artefacts,
             margin_mm=_MARGIN_MM,
         )  # fmt: skip
-        return cls(scanner, probe_to_reference)
+        return cls(scanner, probe_to_reference, display)
 
     def aimed(self, probe: Probe, probe_to_reference: Array) -> SyntheticImager:
-        old = self._scanner.with_display(gain_db=self._base)
+        old = self._scanner
         if probe == self.probe:
-            return SyntheticImager(old.moved(probe_to_reference), probe_to_reference)
+            return SyntheticImager(old.moved(probe_to_reference), probe_to_reference, self._base)
         return SyntheticImager.of(
-            old.phantom, probe, probe_to_reference, display=old.display, echo=old.needle_echo, artefacts=old.artefacts
+            old.phantom, probe, probe_to_reference, display=self._base, echo=old.needle_echo, artefacts=old.artefacts
         )  # fmt: skip
 
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
-        if self._scanner.display.gain_db != self._base + gain_db:
-            self._scanner = self._scanner.with_display(gain_db=self._base + gain_db)
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
+        shape = picture_plane(self.probe, self.probe_to_reference, None, settings.pixels).shape
+        if shape != self._scanner.plane.shape:
+            self._scanner = self._scanner.with_picture(shape)
+        knobs = {
+            "gain_db": self._base.gain_db + settings.gain, "tgc_db": settings.tgc_db, "grey_map": settings.grey_map,
+        }  # fmt: skip
+        if any(getattr(self._scanner.display, name) != value for name, value in knobs.items()):
+            self._scanner = self._scanner.with_display(**knobs)
         return self._scanner.render(field, needle, frame=frame).frame
 
 
@@ -95,21 +100,29 @@ class ReslicedImager(Imager):
     ) -> None:
         self._reslicer, self._grey, self._needle_mm = reslicer, grey, needle_mm
         self.probe, self.probe_to_reference = probe, probe_to_reference
-        self._plane = picture_plane(probe, probe_to_reference, None)
-        self._fan = _fan(probe, self._plane)
+        self._draw_on(512)
+
+    def _draw_on(self, pixels: int) -> None:
+        self._pixels = pixels
+        self._plane = picture_plane(self.probe, self.probe_to_reference, None, pixels)
+        self._fan, self._depth = _fan(self.probe, self._plane)
 
     def aimed(self, probe: Probe, probe_to_reference: Array) -> ReslicedImager:
         return ReslicedImager(self._reslicer, self._grey, probe, probe_to_reference, self._needle_mm)
 
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, gain_db: float) -> Frame:
+    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
+        if settings.pixels != self._pixels:
+            self._draw_on(settings.pixels)
         cut = self._reslicer.cut(self._plane, field)
         black, white = self._grey
-        grey = (cut.pixels.astype(np.float32) - black) * (255 / (white - black)) + gain_db * (255 / 60)
+        added = (settings.gain + slider_db(settings.tgc_db, self.probe.depth_mm, self._depth)).astype(np.float32)
+        grey = (cut.pixels.astype(np.float32) - black) * (255 / (white - black)) + added * (255 / 60)
         if needle is not None:
             paint_needle(grey, self._plane, needle, self._needle_mm)
         seen = self._fan if cut.mask is None else self._fan & cut.mask
         seen = seen & ~np.isnan(grey)  # where the volume itself knows nothing
-        return Frame(np.where(seen, np.clip(grey, 0, 255), 0).astype(np.uint8), self._plane, seen)
+        shown = GREY_MAPS[settings.grey_map][np.where(seen, np.clip(grey, 0, 255), 0).astype(np.uint8)]
+        return Frame(np.where(seen, shown, 0).astype(np.uint8), self._plane, seen)
 
 
 def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, diameter_mm: float) -> None:
@@ -143,15 +156,13 @@ def out_of_plane(probe: Probe, probe_to_reference: Array, point: Array) -> tuple
 
 def tuned(probe: Probe, settings: ImageSettings) -> Probe:
     """Return a probe with its knobs where a settings has them, sampled finely enough for its pulse."""
-    if (settings.depth, settings.frequency, settings.focus) == (
-        probe.depth_mm,
-        probe.frequency_mhz,
-        probe.elevation_focus_mm,
-    ):
-        return probe
-    return probe.tuned(
-        frequency_mhz=settings.frequency, depth_mm=settings.depth, elevation_focus_mm=settings.focus
-    )  # fmt: skip
+    asked = (settings.depth, settings.frequency, settings.focus, settings.transmit)
+    if asked != (probe.depth_mm, probe.frequency_mhz, probe.elevation_focus_mm, probe.transmit_focus_mm):
+        depth, frequency, focus, transmit = asked
+        probe = probe.tuned(
+            frequency_mhz=frequency, depth_mm=depth, elevation_focus_mm=focus, transmit_focus_mm=transmit
+        )  # fmt: skip
+    return probe.in_harmonic_mode() if settings.mode == "harmonic" else probe
 
 
 def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, float]:
@@ -165,7 +176,8 @@ def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, fl
     return float(low), float(max(high, low + 1e-6))
 
 
-def _fan(probe: Probe, plane: ImagePlane) -> NDArray[np.bool_]:
+def _fan(probe: Probe, plane: ImagePlane) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Which pixels a beam passes, and how deep each lies."""
     r, line, _ = probe.beam_coordinates(plane.project(plane.points)).T
     inside = (r >= 0) & (r <= probe.depth_mm) & (line >= 0) & (line <= probe.lines - 1)
-    return inside.reshape(plane.shape)
+    return inside.reshape(plane.shape), r.reshape(plane.shape).astype(np.float32)

@@ -92,6 +92,13 @@ class Circumstances(NamedTuple):
     """Whether the picture is computed: a real one has its frequency and focus."""
 
 
+class Words(Struct, frozen=True, kw_only=True):
+    """What a word is called, or a number, that is chosen and not moved; its type says which there are."""
+
+    name: str
+    help: str
+
+
 @dataclass(frozen=True)
 class Travel:
     """How far a knob goes in a scene, and where it is at first."""
@@ -149,7 +156,8 @@ def described(kind: type[Struct]) -> tuple[tuple[Group, str, Knob, Travel], ...]
     found: list[tuple[Group, str, Knob, Travel]] = []
     for group in get_args(Group):
         for field, hint in get_type_hints(get_type_hints(kind)[group], include_extras=True).items():
-            found.append((group, field, *_annotations(f"{group}.{field}", hint)))
+            if not any(isinstance(one, Words) for one in getattr(hint, "__metadata__", ())):
+                found.append((group, field, *_annotations(f"{group}.{field}", hint)))
     return tuple(found)
 
 

@@ -77,6 +77,7 @@ class ProbePart(Record, frozen=True, kw_only=True):
     focus_mm: (
         Annotated[float, about("depth where the slice is thinnest; by default as the kind", low=5.0, high=250.0)] | None
     ) = None
+    transmit_focus_mm: Annotated[float, about("depth the beams are sent to; 0: every depth", low=0.0, high=250.0)] = 0.0
     lines: Annotated[int, about("beams", low=16, high=512)] = 192
     at: Annotated[Triple, about("point of the skin it rests on, RAS mm; the middle of the face by default")] | None = (
         None

@@ -19,6 +19,9 @@ from .scene_meshes import scene_meshes
 from .skin_frame import SkinFrame
 from .tissue_settings import TissueSettings
 
+_DOWNSHIFT = 0.5
+"""Attenuation of the tissue before an organ, dB/cm/MHz, by which the centre frequency falls."""
+
 
 def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, progress: Progress | None = None) -> Scene:
     """Return a scene made ready.
@@ -89,7 +92,11 @@ def _tissue_settings(spec: SceneFile) -> TissueSettings:
 def _probe(spec: SceneFile) -> Probe:
     part = spec.probe
     focus = {} if part.focus_mm is None else {"elevation_focus_mm": part.focus_mm}
-    return PROBES[part.kind](frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines, **focus)
+    return PROBES[part.kind](
+        frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines,
+        transmit_focus_mm=part.transmit_focus_mm, downshift_db_cm_mhz=_DOWNSHIFT if spec.display.artefacts else 0.0,
+        **focus,
+    )  # fmt: skip
 
 
 def _nothing() -> None:

@@ -158,7 +158,7 @@ class Session:
         field = composed(answer.field, background)
         answered = time.perf_counter()
         imager = self._aimed(poses)
-        image = imager.render(field, poses.needle, frame=number, gain_db=poses.settings.gain)
+        image = imager.render(field, poses.needle, frame=number, settings=poses.settings)
         rendered = time.perf_counter()
         rest, moved = self.targets[self.target], self._target_moved(answer, background)
         self.last = SimulatedFrame(

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from .. import _validate
+
+_HARMONIC_LESS_DB = {"side_lobes_db": 12.0, "haze_db": 8.0, "tail_db": 6.0}
+HARMONIC_NOISE_DB = 6.0
+"""Less of a harmonic, and more noise over it: set by eye."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +42,7 @@ class Artefacts:
     >>> from sonospline.ultrasound import Artefacts
     >>> Artefacts(haze_db=None).side_lobes_db
     -22.0
-    >>> Artefacts.harmonic().side_lobes_db
+    >>> Artefacts().in_harmonic_mode().side_lobes_db
     -34.0
     """
 
@@ -58,7 +63,10 @@ class Artefacts:
         """Return those of clean beams."""
         return cls(diffuse=False, side_lobes_db=None, haze_db=None, tail_db=None, needle=False)
 
-    @classmethod
-    def harmonic(cls) -> Artefacts:
-        """Return those of tissue harmonic imaging, which side lobes and the near field hardly excite (set by eye)."""
-        return cls(side_lobes_db=-34.0, haze_db=-8.0, tail_db=-36.0)
+    def in_harmonic_mode(self) -> Artefacts:
+        """Return them for tissue harmonic imaging, which weak side lobes and the near field hardly excite."""
+        lowered: dict[str, Any] = {
+            name: None if (level := getattr(self, name)) is None else level - less
+            for name, less in _HARMONIC_LESS_DB.items()
+        }
+        return replace(self, **lowered)

@@ -54,6 +54,7 @@ class Clutter:
     """What a probe hears beside its beam; poses of it share what does not depend on the pose."""
 
     def __init__(self, artefacts: Artefacts, optics: Optics, margin_mm: float, seed: int) -> None:
+        artefacts = artefacts.in_harmonic_mode() if optics.probe.harmonic else artefacts
         self.artefacts, self.optics, self._seed = artefacts, optics, seed
         self._wide: Aimed | None = None
         if artefacts.side_lobes_db is not None:

@@ -89,10 +89,7 @@ class Display:
 
     def slider_db(self, probe: Probe) -> Array:
         """Return what the sliders add at each sample, (samples,) dB."""
-        if not self.tgc_db:
-            return np.zeros(probe.samples)
-        middles = (np.arange(TGC_SLIDERS) + 0.5) * probe.depth_mm / TGC_SLIDERS
-        return np.interp(probe.ranges, middles, self.tgc_db)
+        return slider_db(self.tgc_db, probe.depth_mm, probe.ranges)
 
     def offset_db(self, probe: Probe, speckle_power: Array) -> NDArray[np.float32]:
         """What brings the log of |s|^2 to the display: the speckle's own power taken out, TGC and gain added."""
@@ -103,6 +100,14 @@ class Display:
     def mapped(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return grey levels as the map shows them."""
         return grey if self.grey_map == "linear" else GREY_MAPS[self.grey_map][grey]
+
+
+def slider_db(tgc_db: tuple[float, ...], depth_mm: float, range_mm: NDArray[np.floating]) -> Array:
+    """Return what sliders add at ranges of an image so deep, dB: theirs in the middle of each part, linear between."""
+    if not tgc_db:
+        return np.zeros(np.shape(range_mm))
+    middles = (np.arange(TGC_SLIDERS) + 0.5) * depth_mm / TGC_SLIDERS
+    return np.interp(range_mm, middles, tgc_db)
 
 
 def _sliders(given: tuple[float, ...]) -> tuple[float, ...]:

@@ -25,6 +25,11 @@ _FEWEST_SAMPLES, _SAMPLES, _MOST_SAMPLES = 80, 1024, 32_768
 """Along a beam: at least, where they fit the pulse, and at most."""
 _WIDEST_STEP, _MOST_LINES = 2.6, 512
 """Between lines, in standard deviations of the beam, before there are more of them; and how many at most."""
+_NOT_NEGATIVE = ("elevation_focus_mm", "elevation_spread", "radius_mm", "sector_deg")
+_HARMONIC = 1.5
+"""What is sent and what is heard, on average, over what is sent."""
+_CONE = 0.6
+"""Full width at half maximum of a converging beam over the cone that its aperture spans: set by eye."""
 
 
 _ABDOMINAL: dict[str, Any] = {
@@ -72,6 +77,12 @@ class Probe:
         Depth of the elevation focus.
     elevation_spread : float
         Growth of the slice's standard deviation per mm from its focus.
+    transmit_focus_mm : float, default: 0
+        Depth the beams are sent to: elsewhere they are up to 1.41 times as wide. 0 focuses at every depth.
+    downshift_db_cm_mhz : float, default: 0
+        Attenuation by which the pulse's centre frequency falls with depth, which widens the beam; 0 for none.
+    harmonic : bool, default: False
+        Whether it hears the harmonic of what it sends; see :meth:`in_harmonic_mode`.
 
     Raises
     ------
@@ -100,12 +111,15 @@ class Probe:
     elevation_mm: float = 1.5
     elevation_focus_mm: float = 20.0
     elevation_spread: float = 0.015
+    transmit_focus_mm: float = 0.0
+    downshift_db_cm_mhz: float = 0.0
+    harmonic: bool = False
 
     def __post_init__(self) -> None:
         _validate.choice("kind", self.kind, ("linear", "curvilinear", "phased"))
         for name in ("frequency_mhz", "depth_mm", "aperture_mm", "f_number", "active_aperture_mm", "elevation_mm"):
             _validate.number(name, getattr(self, name), positive=True)
-        for name in ("elevation_focus_mm", "elevation_spread", "radius_mm", "sector_deg"):
+        for name in (*_NOT_NEGATIVE, "transmit_focus_mm", "downshift_db_cm_mhz"):
             _validate.number(name, getattr(self, name))
         _bandwidth(self.bandwidth)
         _validate.count("lines", self.lines, least=16)
@@ -170,6 +184,7 @@ class Probe:
         frequency_mhz: float | None = None,
         depth_mm: float | None = None,
         elevation_focus_mm: float | None = None,
+        transmit_focus_mm: float | None = None,
     ) -> Probe:
         """Return the probe with some knobs turned, and as many samples as its pulse then needs.
 
@@ -187,8 +202,28 @@ class Probe:
             frequency_mhz=frequency,
             depth_mm=depth,
             elevation_focus_mm=self.elevation_focus_mm if elevation_focus_mm is None else elevation_focus_mm,
+            transmit_focus_mm=self.transmit_focus_mm if transmit_focus_mm is None else transmit_focus_mm,
             samples=_fitting_samples(_validate.number("depth_mm", depth, positive=True), sigma),
         )
+
+    def in_harmonic_mode(self) -> Probe:
+        """Return the probe as it images by the second harmonic of what it sends, by parameters.
+
+        It sends f and hears 2 f: attenuation is that of 1.5 f, and so is the carrier here. The beam becomes 0.67 times
+        as wide (theory: 0.58); the pulse keeps its length. Side lobes and the near field excite little of it, and there
+        is more noise: see :class:`Artefacts`.
+
+        Examples
+        --------
+        >>> from sonospline.ultrasound import Probe
+        >>> plain, harmonic = Probe.curvilinear(), Probe.curvilinear().in_harmonic_mode()
+        >>> harmonic.frequency_mhz, round(float(harmonic.lateral_fwhm(60) / plain.lateral_fwhm(60)), 2)
+        (5.25, 0.67)
+        """
+        if self.harmonic:
+            return self
+        frequency, bandwidth = _HARMONIC * self.frequency_mhz, self.bandwidth / _HARMONIC
+        return replace(self, frequency_mhz=frequency, bandwidth=bandwidth, harmonic=True)
 
     def _fitting_lines(self) -> int:
         """192 lines, or as many as keep neighbours within 2.6 standard deviations of the beam all along."""
@@ -245,10 +280,32 @@ class Probe:
         """Standard deviation of the two-way pulse's envelope in range, mm: s_r = (c/2) / (2 pi s_f)."""
         return _axial_sigma(self.bandwidth, self.frequency_mhz)
 
+    def frequency_at(self, range_mm: ArrayLike) -> Array:
+        """Return the pulse's centre frequency at a range, MHz: a Gaussian spectrum loses its upper half sooner.
+
+        f0 - 2 a r s_f^2, a the attenuation in neper, s_f the spectrum's standard deviation; half of f0 at least.
+        """
+        r = np.maximum(np.asarray(range_mm, float), 0)
+        neper = self.downshift_db_cm_mhz / 10 * np.log(10) / 20
+        spectrum = self.bandwidth * self.frequency_mhz / _FWHM
+        return np.maximum(self.frequency_mhz - 2 * neper * r * spectrum**2, self.frequency_mhz / 2)
+
     def lateral_fwhm(self, range_mm: ArrayLike) -> Array:
-        """Return the beam's full width at half maximum, 0.9 wavelength max(F#, r / D), mm."""
-        ratio: Array = np.maximum(self.f_number, np.asarray(range_mm, float) / self.active_aperture_mm)
-        return 0.9 * self.wavelength_mm * ratio
+        """Return the beam's full width at half maximum, 0.9 wavelength max(F#, r / D), mm; wider off its focus."""
+        r = np.asarray(range_mm, float)
+        ratio: Array = np.maximum(self.f_number, r / self.active_aperture_mm)
+        width = 0.9 * self.wavelength_mm * ratio
+        if self.downshift_db_cm_mhz:
+            width = width * self.frequency_mhz / self.frequency_at(r)
+        if not self.transmit_focus_mm:
+            return width
+        # the beam sent, as wide as its aperture's share of the way off its focus; the one heard is focused anywhere
+        at_focus = max(self.f_number, self.transmit_focus_mm / self.active_aperture_mm)
+        off = _CONE * np.abs(r - self.transmit_focus_mm) / at_focus
+        sent = np.hypot(np.sqrt(2) * 0.9 * self.wavelength_mm * at_focus, off)
+        heard = np.sqrt(2) * width
+        both: Array = 1 / np.hypot(1 / sent, 1 / heard)
+        return np.maximum(both, width)
 
     def lateral_sigma(self, range_mm: ArrayLike) -> Array:
         """Return the beam's standard deviation, mm."""

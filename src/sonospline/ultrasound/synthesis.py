@@ -22,7 +22,7 @@ from ..geometry.volume import Volume
 from . import needle_synthesis
 from .acoustics import AcousticTissue
 from .aimed import Aimed
-from .artefacts import Artefacts
+from .artefacts import HARMONIC_NOISE_DB, Artefacts
 from .bmode import BMode
 from .clutter import Clutter
 from .display import Display
@@ -152,6 +152,12 @@ class Scanner:
         other._use(probe, self.plane.shape, self._aimed.margin_mm)
         return other
 
+    def with_picture(self, picture_shape: tuple[int, int]) -> Scanner:
+        """Return the scanner with a picture of so many rows and columns; its beams show the same, bit for bit."""
+        other = self._twin()
+        other._use(self.probe, picture_shape, self._aimed.margin_mm)
+        return other
+
     def render(
         self, deformed: Field | Response | None = None, needle: Needle | None = None, *, frame: int = 0
     ) -> BMode:
@@ -256,7 +262,8 @@ class Scanner:
 
     @cached_property
     def _noise_level(self) -> float:
-        return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (self.display.noise_db / 20))
+        level = self.display.noise_db + (HARMONIC_NOISE_DB if self.probe.harmonic else 0)
+        return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (level / 20))
 
     @cached_property
     def _offset_db(self) -> NDArray[np.float32]:

@@ -4,8 +4,9 @@ import type { Desk } from "../desk";
 import { h } from "../dom";
 import type { Layout } from "../layouts";
 import { cap } from "../keys";
-import { ACROSS, ALONG, PUSH, SLIDE, SWEEP } from "../knobs";
+import { ACROSS, ALONG, IN_MENU, PUSH, SLIDE, SWEEP } from "../knobs";
 import { actionButton, freezeButton, paceGroup, pushButton } from "./buttons";
+import { ScannerMenu } from "./scanner";
 import { steppers } from "./steppers";
 import { track } from "./track";
 
@@ -39,8 +40,8 @@ function image(desk: Desk): HTMLElement {
   return h(
     "section",
     { class: "group image", "aria-labelledby": "dock-image" },
-    h("div", { class: "top" }, h("h2", { id: "dock-image" }, "Image")),
-    steppers(desk, "image", "steppers"),
+    h("div", { class: "top" }, h("h2", { id: "dock-image" }, "Image"), new ScannerMenu(desk, "dock").element),
+    steppers(desk, "image", "steppers", { without: IN_MENU }),
     freezeButton(desk, "tall"),
   );
 }

@@ -21,6 +21,10 @@ import { inPlane, onTarget } from "./readouts";
 const AHEAD = 100;
 /** px by which the image gives way at a time. */
 const GIVE_WAY = 8;
+/** Pixels of the picture along its longer side: as many as it is shown on, in such steps, so that resizing asks seldom. */
+const STEP = 128;
+const FEWEST = 256;
+const MOST = 1024;
 /** px around the skin line that count as on it. */
 const NEAR = 16;
 
@@ -69,6 +73,7 @@ export class ImagePane {
       this.drawFrame(frame.header);
     });
     session.commanded.on((command) => this.drawCommand(command));
+    session.statusChanged.on((status) => status === "live" && this.place());
     session.statusChanged.on((status) => {
       toggle(this.element, "stale", status === "lost");
       toggle(this.element, "held", status !== "live");
@@ -143,6 +148,7 @@ export class ImagePane {
     const raster: Raster = header ?? expected(this.view);
     const mapping = this.layOut(scene, raster);
     const { box } = mapping;
+    this.askForPixels(Math.max(box.width, box.height) * window.devicePixelRatio);
     const { style } = this.picture.canvas;
     style.left = `${box.left}px`;
     style.top = `${box.top}px`;
@@ -154,6 +160,12 @@ export class ImagePane {
     this.ruler.draw(mapping, origin[1], command.image.depth, command.image.focus);
     this.writeCaption(header?.state ?? command, scene);
     if (header) this.drawMarks(header, scene);
+  }
+
+  /** A picture as fine as the pane shows it, no finer than need be. */
+  private askForPixels(shown: number): void {
+    const pixels = clamp(Math.ceil(shown / STEP) * STEP, FEWEST, MOST);
+    if (this.session.command && this.session.command.image.pixels !== pixels) this.session.choose({ pixels });
   }
 
   /** As large as can be; it gives way where the read-outs would stand over the sector. */

@@ -60,7 +60,7 @@ export class ViewPane {
       this.element.prepend(h("p", { class: "no-view" }, `The 3-D view cannot be shown: ${(error as Error).message}.`));
       return;
     }
-    if (this.view.software) this.desk.session.drawSlowly();
+    if (this.view.software) this.desk.session.look({ ahead: 0 });
     this.element.prepend(this.view.canvas);
     new ResizeObserver(([entry]) => this.view?.resize(entry.contentRect.width, entry.contentRect.height)).observe(this.element);
     void this.paintScale();

@@ -1,0 +1,102 @@
+/** More of the scanner: time-gain compensation by eight sliders, where the beam is sent, what is heard, grey maps. */
+
+import type { Desk } from "../desk";
+import { h, toggle, write } from "../dom";
+import { icon } from "../icons";
+import { show, SLIDERS, TRANSMIT } from "../knobs";
+import type { ImageSettings, Knob } from "../protocol";
+import { popup } from "./menu";
+import { stepper } from "./stepper";
+
+const MAPS: readonly ImageSettings["grey_map"][] = ["linear", "soft", "contrast", "dark", "reject"];
+/** How a hand leaves sliders, dB: as `IMPERFECT_TGC_DB` of the package. */
+const IMPERFECT = [1.5, -2, 0.5, 2.5, -1, 1, -3, 2];
+
+export class ScannerMenu {
+  private readonly button: HTMLElement;
+  private readonly menu: HTMLElement;
+  readonly element: HTMLElement;
+  private refreshed: (() => void)[] = [];
+
+  /** Each layout has its own, by its `place`. */
+  constructor(
+    private readonly desk: Desk,
+    place: string,
+  ) {
+    const { session } = desk;
+    const [button, menu] = [`scanner-button-${place}`, `scanner-menu-${place}`];
+    this.button = h(
+      "button",
+      { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, grey map" },
+      h("span", {}, "TGC, maps"),
+      icon("chevron", 14),
+    );
+    this.menu = h("div", { class: "menu", id: menu, role: "menu", "aria-labelledby": button, hidden: true });
+    this.element = h("div", { class: "scanner" }, this.button, this.menu);
+    popup(this.element, this.button, this.menu, () => this.entries());
+    const refresh = () => this.refresh();
+    session.commanded.on(refresh);
+    session.statusChanged.on(refresh);
+    session.sceneReady.on(refresh);
+  }
+
+  private refresh(): void {
+    const { command, answers } = this.desk.session;
+    if (!command) return;
+    const image = command.image as unknown as Record<string, number>;
+    toggle(this.button, "lit", SLIDERS.some((id) => image[id.slice("image.".length)] !== 0) || command.image.mode === "harmonic" || command.image.grey_map !== "linear");
+    toggle(this.menu, "held", !answers);
+    for (const one of this.refreshed) one();
+  }
+
+  private entries(): HTMLElement[] {
+    const { session } = this.desk;
+    this.refreshed = [];
+    const sliders = SLIDERS.map((id) => this.slider(session.knob(id)));
+    const all = (values: readonly number[]) => () => SLIDERS.forEach((id, k) => session.setKnob(id, values[k] ?? 0));
+    const transmit = stepper(this.desk, session.knob(TRANSMIT));
+    this.refreshed.push(transmit.refresh);
+    const entries = [
+      h("h3", {}, "Time-gain compensation"),
+      h("div", { class: "sliders" }, ...sliders),
+      h("div", { class: "row" }, this.action("Level", all([])), this.action("As left by a hand", all(IMPERFECT))),
+      h("div", { class: "row" }, transmit.element),
+      this.word("Harmonic", "Heard at twice the frequency: a narrower beam, less clutter", "mode", "harmonic", "fundamental"),
+      h("h3", {}, "Grey map"),
+      h("div", { class: "row maps" }, ...MAPS.map((map) => this.word(map, "", "grey_map", map))),
+    ];
+    this.refresh();
+    return entries;
+  }
+
+  private action(name: string, act: () => void): HTMLElement {
+    return h("button", { type: "button", role: "menuitem", tabindex: -1, onclick: act }, h("b", {}, name));
+  }
+
+  /** A word of the image's settings; where there is another, it goes back to that. */
+  private word<K extends "mode" | "grey_map">(name: string, note: string, field: K, on: ImageSettings[K], off?: ImageSettings[K]): HTMLElement {
+    const { session } = this.desk;
+    const is = () => session.command?.image[field] === on;
+    const click = () => session.choose({ [field]: is() && off !== undefined ? off : on });
+    const item = h("button", { type: "button", role: off === undefined ? "menuitemradio" : "menuitemcheckbox", tabindex: -1, "data-word": String(on), onclick: click }, h("b", {}, name), h("span", {}, note));
+    this.refreshed.push(() => item.setAttribute("aria-checked", String(is())));
+    return item;
+  }
+
+  private slider(knob: Knob): HTMLElement {
+    const { session } = this.desk;
+    const input = h("input", { type: "range", min: knob.low, max: knob.high, step: knob.step / 2, "aria-label": knob.name, "data-slider": knob.id });
+    const value = h("output", {});
+    input.addEventListener("input", () => session.setKnob(knob.id, Number(input.value)));
+    // the menu moves between its entries by the arrows, which move the slider here
+    input.addEventListener("keydown", (event) => {
+      if (event.code !== "Escape" && event.code !== "Tab") event.stopPropagation();
+    });
+    this.refreshed.push(() => {
+      const now = session.value(knob.id);
+      input.value = String(now);
+      write(value, `${show(knob, now)} dB`);
+    });
+    return h("label", {}, h("span", {}, knob.short.replace("TGC ", "")), input, value);
+  }
+}
