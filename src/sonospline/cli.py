@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 from . import _terminal
 
-VERBS = ("serve", "link", "insert", "image", "replay", "results", "tune", "reproduce", "bench", "doctor")
+VERBS = ("serve", "link", "insert", "image", "record", "replay", "results", "tune", "reproduce", "bench", "doctor")
 
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 _NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)

@@ -101,6 +101,11 @@ class Recorder:
         if now - self._kept >= _KEPT_S:
             self._keep()
 
+    @property
+    def count(self) -> int:
+        """Steps that were written down."""
+        return self._count
+
     def close(self) -> None:
         """End the file with its index; a second time does nothing."""
         if not self._stream.closed:
