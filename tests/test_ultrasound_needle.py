@@ -7,8 +7,8 @@ import pytest
 
 import sonospline as ss
 from sonospline.geometry import facing
-from sonospline.ultrasound import Display, NeedleEcho, Phantom, Probe, Scanner
-from sonospline.ultrasound.optics import CUT_WEIGHT
+from sonospline.ultrasound import Artefacts, Display, NeedleEcho, Phantom, Probe, Scanner, needle_synthesis
+from sonospline.ultrasound.optics import CUT_WEIGHT, Optics
 
 PROBE = Probe.linear(depth_mm=40, lines=160, aperture_mm=32)
 POSE = facing((30, 15, 4), depth=(0, 0, 1), right=(1, 0, 0))
@@ -136,3 +136,41 @@ def test_a_needle_that_is_none_is_refused():
         NeedleEcho(name="x", shape="gaussian", floor=1, height=9, width_deg=8, centre_deg=78, diameter_mm=0)
     with pytest.raises(ValueError, match="shape"):
         NeedleEcho(name="x", shape="square", floor=1, height=9, width_deg=8, centre_deg=78, diameter_mm=1)
+
+
+REAL = Artefacts(diffuse=False, side_lobes_db=None, haze_db=None, tail_db=None)
+
+
+def echoes_of(needle, real):
+    probe = Probe.linear(depth_mm=50)
+    pose = facing((30, 15, 0), depth=(0, 0, 1), right=(1, 0, 0))
+    return needle_synthesis.echo(NeedleEcho.trocar(), needle, Optics(probe), pose, real=real)[0]
+
+
+def test_a_real_shaft_has_drop_outs_and_the_same_mean_power():
+    ratio = np.concatenate([needle_synthesis._uneven(1500, 0.12, seed) for seed in range(4)])
+    assert np.mean(ratio**2) == pytest.approx(1, abs=0.2)
+    assert ratio.min() < 0.25
+    assert 0.02 < np.mean(ratio < 0.5) < 0.35
+
+
+def test_speckle_stays_with_the_shaft_as_it_is_pushed():
+    """Counted from the tip, a longer part of the same shaft is as uneven."""
+    short, long = (needle_synthesis._uneven(count, 0.12, 0) for count in (300, 500))
+    assert np.allclose(long[-300:], short)
+
+
+def test_a_bevel_has_two_echoes_and_square_to_the_beam_a_longer_tail():
+    needle = at_angle(0, half_length=12)
+    ruled, real = (echoes_of(needle, real) for real in (False, True))
+    assert np.ptp(real[:, 1]) > 1.5 * np.ptp(ruled[:, 1])
+    bevel = 2.4 * NeedleEcho.trocar().diameter_mm
+    assert np.diff(np.abs(real[-2:, 0]) * Probe.linear().line_step)[0] == pytest.approx(-bevel, abs=0.15)
+
+
+def test_a_real_needle_hides_more_of_what_lies_below():
+    model = NeedleEcho.trocar()
+    assert model.shaded(0.0, 1.0, real=True) < model.shaded(0.0, 1.0)
+    images = [scanner("liver", artefacts=artefacts).render(None, at_angle(20)) for artefacts in (None, REAL)]
+    below = [np.square(image.envelope[70:90, 750:900]).mean() for image in images]
+    assert below[1] < below[0]

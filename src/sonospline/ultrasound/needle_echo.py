@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _BRIGHTEST_DB = 28.0
 _TIP_DB, _TIP_FLOOR_DB, _TIP_WIDTH_DEG = 24.0, 4.0, 35.0
-_SHADE = 0.55
+_SHADE, _REAL_SHADE = 0.55, 0.65
 
 _COLUMNS = ("floor", "height", "width_deg", "centre_deg", "diameter_mm")
 _MEASURED: dict[str, tuple[Literal["gaussian", "lorentzian"], float, float, float, float, float]] = {
@@ -118,14 +118,14 @@ class NeedleEcho:
         """Spacing of the reverberation as displayed: d c_tissue / c_core."""
         return self.diameter_mm * SPEED_OF_SOUND / self.core_speed
 
-    def shaded(self, elevation_mm: ArrayLike, sigma_mm: ArrayLike) -> Array:
+    def shaded(self, elevation_mm: ArrayLike, sigma_mm: ArrayLike, *, real: bool = False) -> Array:
         """Return the amplitude left below the shaft, (1 - k C)^2, C the covered share of the slice."""
         from scipy.special import erf
 
         y, width = np.asarray(elevation_mm, float), 2 * np.asarray(sigma_mm, float)
         half = self.diameter_mm / 2
         covered = (erf((y + half) / width) - erf((y - half) / width)) / 2
-        return (1 - _SHADE * covered) ** 2
+        return (1 - (_REAL_SHADE if real else _SHADE) * covered) ** 2
 
 
 LOOKS = {

@@ -1,4 +1,4 @@
-"""The needle's echoes and its shadow, as the synthesis takes them."""
+"""The needle's echoes and its shadow, as the synthesis takes them: of a ruled line, or of a shaft as one sees it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,23 @@ _JITTER = 0.18
 SHADOW_SOFT_MM = 0.5
 _SHADOW_LINES = 1.5
 
+# Of a real shaft; all set by eye.
+_COMET_COPIES, _COMET_FACTOR = 18, 0.78
+_SPECKLE, _SPECKLE_MM = 0.35, 0.9
+_GAPS_MM, _GAP_MM, _GAP_LEFT = 11.0, 1.3, 0.12  # one in so many mm, half as wide as this, with so much left
+_BEVEL_DIAMETERS = 2.4
+_BEVEL_DB, _FACE_DB = (-1.0, -3.0), 7.0  # its point and its heel; its face below the point
+_REAL_SHADOW_LINES = 3.0
+
 
 def echo(
-    model: NeedleEcho, needle: Needle, optics: Optics, transform: Array, seed: int = 0
+    model: NeedleEcho, needle: Needle, optics: Optics, transform: Array, seed: int = 0, *, real: bool = False
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return a needle's echoes (m, 4): line, half-sample, real and imaginary part; and its shadow (2, lines).
 
     Echoes have one phase all along: with the carrier's, the beam would cancel an oblique line. The shadow is
-    the range where it begins, and the amplitude left below.
+    the range where it begins, and the amplitude left below. A real shaft has speckle and drop-outs, fixed to it, of
+    the same mean power; a bevel with two echoes; a comet tail; and keeps more from what lies below.
     """
     probe = optics.probe
     shaft = needle.at(np.linspace(0, 1, max(2, int(needle.depth / POINT_MM) + 1)))
@@ -52,23 +61,36 @@ def echo(
     # one point's share of a line that is as bright as wanted: the beam sees sqrt(2 pi) s_along of it
     along = 1 / np.sqrt((1 - sine**2) / probe.lateral_sigma(r) ** 2 + sine**2 / probe.axial_sigma**2)
     step = needle.depth / (len(shaft) - 1)
-    amplitude = (10 ** (model.shaft_db(beta) / 20) - 1) * rms * step / (np.sqrt(2 * np.pi) * along)
-    amplitude *= _jitter(len(shaft), step, seed) * profile
+    level, heel = model.shaft_db(beta), max(0, len(shaft) - 1 - round(_BEVEL_DIAMETERS * model.diameter_mm / step))
+    if real:  # a bevel is ground, and seen from more sides
+        level[heel:] = np.maximum(level[heel:], model.tip_db(beta[heel:]) - _FACE_DB)
+    amplitude = (10 ** (level / 20) - 1) * rms * step / (np.sqrt(2 * np.pi) * along)
+    amplitude *= (_uneven if real else _jitter)(len(shaft), step, seed) * profile
     ring = np.exp(-((beta / _COPY_WIDTH_DEG) ** 2) / 2)
-    copies = np.arange(_COPIES + 1)
-    strength = np.where(copies[:, None] == 0, 1.0, ring * _COPY_FACTOR ** copies[:, None]) * amplitude
+    count, factor = (_COMET_COPIES, _COMET_FACTOR) if real else (_COPIES, _COPY_FACTOR)
+    copies = np.arange(count + 1)
+    strength = np.where(copies[:, None] == 0, 1.0, ring * factor ** copies[:, None]) * amplitude
     later = r + copies[:, None] * model.reverberation_mm
     lines = np.broadcast_to(line, later.shape)
-    tip = 10 ** (model.tip_db(beta[-1]) / 20) * rms[-1] * profile[-1] * seen[-1]
-    parts = [np.append(a[:, seen].ravel(), b) for a, b in ((lines, line[-1]), (later, r[-1]), (strength, tip))]
+    bright = 10 ** (model.tip_db(beta[-1]) / 20) * rms * profile * seen
+    ends, levels = ([-1, heel], _BEVEL_DB) if real else ([-1], (0.0,))
+    tip = bright[ends] * 10 ** (np.array(levels) / 20)
+    parts = [np.append(a[:, seen].ravel(), b) for a, b in ((lines, line[ends]), (later, r[ends]), (strength, tip))]
     echoes = np.column_stack([parts[0], parts[1] / optics.half_sample_mm, parts[2], np.zeros(len(parts[0]))])
     return echoes.astype(np.float32), _shadow(
-        model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow
+        model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow, real
     )
 
 
 def _shadow(
-    model: NeedleEcho, r: Array, line: Array, elevation: Array, sigma: Array, lines: int, none: NDArray[np.float32]
+    model: NeedleEcho,
+    r: Array,
+    line: Array,
+    elevation: Array,
+    sigma: Array,
+    lines: int,
+    none: NDArray[np.float32],
+    real: bool,
 ) -> NDArray[np.float32]:
     """Where the shadow begins on each line, and the amplitude left, softened across lines."""
     from scipy.ndimage import gaussian_filter1d
@@ -79,14 +101,14 @@ def _shadow(
     begins = np.full(lines, np.inf)
     np.minimum.at(begins, number[held], r[held])
     covered = np.ones(lines)
-    np.minimum.at(covered, number[held], model.shaded(elevation, sigma)[held])
+    np.minimum.at(covered, number[held], model.shaded(elevation, sigma, real=real)[held])
     met = np.flatnonzero(np.isfinite(begins))
     if len(met):
         every = np.arange(lines)
         shadow[0] = np.interp(every, met, begins[met]) + model.diameter_mm
         between = (every >= met[0]) & (every <= met[-1])
         left = np.where(between, np.interp(every, met, covered[met]), 1.0)
-        shadow[1] = gaussian_filter1d(left, _SHADOW_LINES, mode="nearest")
+        shadow[1] = gaussian_filter1d(left, _REAL_SHADOW_LINES if real else _SHADOW_LINES, mode="nearest")
     return shadow
 
 
@@ -97,3 +119,19 @@ def _jitter(count: int, step_mm: float, seed: int) -> Array:
     width = max(1.0, 1.5 / step_mm)
     noise = gaussian_filter1d(np.random.default_rng(seed).standard_normal(count + int(8 * width)), width)[:count]
     return np.exp(_JITTER * noise / max(float(noise.std()), 1e-9))
+
+
+def _uneven(count: int, step_mm: float, seed: int) -> Array:
+    """Speckle and drop-outs along a shaft, from its tip back, of mean power 1."""
+    from scipy.ndimage import gaussian_filter1d
+
+    random = np.random.default_rng([seed, 18])
+    reach = max(count, int(400 / step_mm))  # as many as the longest needle: what is drawn stays with the shaft
+    speckle = gaussian_filter1d(random.standard_normal(reach), _SPECKLE_MM / step_mm)
+    from_tip = np.arange(reach) * step_mm
+    gaps = random.uniform(0, from_tip[-1], int(from_tip[-1] / _GAPS_MM))
+    apart = np.abs(from_tip[:, None] - gaps).min(axis=1)
+    left = 1 - (1 - _GAP_LEFT) * np.exp(-0.5 * (apart / (_GAP_MM / 2)) ** 2)
+    uneven = np.exp(_SPECKLE * speckle / speckle.std()) * left
+    found: Array = (uneven / np.sqrt(np.mean(uneven**2)))[:count][::-1]
+    return found

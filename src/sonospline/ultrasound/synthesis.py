@@ -206,7 +206,9 @@ class Scanner:
         if not needles:
             return self._no_needle
         found = [
-            needle_synthesis.echo(self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed)
+            needle_synthesis.echo(
+                self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed, real=self.artefacts.needle
+            )
             for needle in needles
         ]
         if len(found) == 1:
