@@ -72,14 +72,15 @@ def test_every_knob_says_all_there_is_to_know():
     knobs = described(Command)
     assert [f"{group}.{field}" for group, field, _, _ in knobs] == [
         "needle.depth", "needle.u", "needle.v", "needle.angle", "needle.swing", "probe.slide", "probe.sweep",
-        "probe.rotate", "probe.fan", "image.gain", "image.depth", "image.frequency", "image.focus", "image.transmit",
+        "probe.rotate", "probe.fan", "probe.press", "image.gain", "image.depth", "image.frequency", "image.focus",
+        "image.transmit",
         *(f"image.tgc{slider}" for slider in range(1, 9)),
     ]  # fmt: skip
     for _, _, knob, _ in knobs:
         assert all((knob.name, knob.short, knob.help, knob.down, knob.up))
         assert knob.step > 0 < knob.rate
     keys = [code for _, _, knob, _ in knobs for code in knob.keys or ()]
-    assert len(keys) == len(set(keys)) == 22
+    assert len(keys) == len(set(keys)) == 24
     pads = [knob.pad for _, _, knob, _ in knobs if knob.pad]
     assert len(pads) == len(set(pads))
 

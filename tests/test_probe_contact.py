@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 import sonospline as ss
 from elastic_problems import system_of
-from sonospline.elasticity import ElasticSolver, FaceCompliance, ProbeContact, ProbeDents
+from sonospline.elasticity import BackgroundMotion, ElasticSolver, FaceCompliance, ProbeContact, ProbeDents
+from sonospline.elasticity.probe_dents import _simplex
 from sonospline.fem.scikit_assembly import assemble
-from sonospline.mechanics import Footprint, Material, labelled_cube
+from sonospline.mechanics import Footprint, Material, Stiffening, labelled_cube
 
 GEL = Material(10.0, 0.45)
 BOX = ss.Tissue(ss.Grid.covering((100, 90, 60), nodes=9000), "z-")
@@ -199,3 +200,51 @@ def test_a_vessel_under_the_probe_is_flattened():
 def _area(points):
     x, z = points[:, 0], points[:, 2]
     return abs(x @ np.roll(z, -1) - z @ np.roll(x, -1)) / 2
+
+
+STIFF = ProbeContact(SOLVER, Footprint(50, 20, radius_mm=40), Stiffening(3.0))
+SOFT = ProbeContact(SOLVER, Footprint(50, 20, radius_mm=40))
+
+
+def test_stiffer_tissue_has_the_same_dent_and_its_force_is_the_derivative_of_its_energy():
+    depths = np.linspace(0, 16, 65)
+    stiff, soft = ([contact.dent(facing_down(50, 45, deep)) for deep in depths] for contact in (STIFF, SOFT))
+    assert np.array_equal(stiff[-1].displacement, soft[-1].displacement)
+    force, energy = (np.array([getattr(dent, name) for dent in stiff]) for name in ("force_n", "energy_mj"))
+    assert (np.diff(force) >= 0).all() and force[-1] > 2 * soft[-1].force_n
+    assert np.trapezoid(force, depths) == pytest.approx(energy[-1], rel=0.01)
+    np.testing.assert_allclose(np.gradient(energy, depths)[8:-1], force[8:-1], rtol=0.05)
+    assert stiff[1].force_n == pytest.approx(soft[1].force_n, rel=0.01), "at first it is linear"
+    pressure = stiff[-1].pressure_kpa.sum() * STIFF._part / 1000
+    assert pressure == pytest.approx(stiff[-1].force_n, rel=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(numbers=st.lists(st.floats(-3, 3), min_size=6, max_size=6))
+def test_a_place_is_the_mean_of_the_corners_of_its_simplex(numbers):
+    corners = _simplex(tuple(numbers))
+    weights = np.array([weight for weight, _ in corners])
+    assert len(corners) <= 7 and (weights > 0).all()
+    assert weights.sum() == pytest.approx(1)
+    assert weights @ np.array([corner for _, corner in corners]) == pytest.approx(numbers, abs=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(turn=st.floats(-180, 180), fan=st.floats(-60, 60), rock=st.floats(-30, 30), x=st.floats(20, 80))
+def test_a_pose_is_known_by_its_numbers(turn, fan, rock, x):
+    place = facing_down(x, 40, 3, turn, fan)
+    place[:3, :3] = place[:3, :3] @ Rotation.from_euler("z", rock, degrees=True).as_matrix()
+    assert DENTS._pose(DENTS._place(place)) == pytest.approx(place, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Stiffening(0.0), "energy_mj_cm2 = 0.0 is out of range; give a finite number above zero"),
+        (lambda: BackgroundMotion(SOLVER, stiffening=4.0), "stiffening = 4.0 is not a Stiffening; make one"),
+    ],
+)
+def test_what_is_no_stiffening_is_refused_in_a_line(make, said):
+    with pytest.raises(ValueError) as error:
+        make()
+    assert said in str(error.value) and "\n" not in str(error.value)

@@ -86,7 +86,7 @@ def test_a_needle_that_the_numbers_cannot_say_is_refused(needle, says):
 @pytest.mark.parametrize(
     ("place", "says"),
     [
-        (facing((60, 30, 9), depth=(0, 0, 1), right=(1, 0, 0)), "its origin 9 mm below the skin; place it 4 mm below"),
+        (facing((60, 30, 1), depth=(0, 0, 1), right=(1, 0, 0)), "its origin 1 mm below the skin; place it 4 mm below"),
         (
             facing((60, 30, 4), depth=(0.1, 0, 1), right=(1, 0, 0)),
             "rocked by -5.71 degrees about its z; give an x along",

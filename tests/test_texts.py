@@ -211,6 +211,7 @@ MAKERS = {
     mechanics.Breathing: lambda: mechanics.Breathing().held(100 / 3),
     mechanics.BreathHold: lambda: mechanics.BreathHold(100 / 3, 50),
     mechanics.Spread: lambda: mechanics.Spread(100 / 3, 5, 10, 50),
+    mechanics.Stiffening: lambda: mechanics.Stiffening(5.0),
     mechanics.Footprint: lambda: mechanics.Footprint(100 / 3, 10, 60),
     elasticity.Background: lambda: moving().at(1.5, PRESSED),
     elasticity.BackgroundMotion: lambda: moving(),

@@ -49,5 +49,5 @@ export function same(a: Command, b: Command): boolean {
 
 /** Whether tissue is asked for the same in time. */
 function alike(a: Command["tissue"], b: Command["tissue"]): boolean {
-  return a?.contact === b?.contact && a?.relaxation === b?.relaxation && a?.breathing === b?.breathing;
+  return a?.contact === b?.contact && a?.relaxation === b?.relaxation && a?.breathing === b?.breathing && a?.probe === b?.probe;
 }

@@ -2,7 +2,7 @@
 
 import { Goals } from "./goals";
 import { bindings, type ActionId, type Binding } from "./keys";
-import { ACROSS, ALONG, ANGLE, PUSH, read, SWING } from "./knobs";
+import { ACROSS, ALONG, ANGLE, PRESS, PUSH, read, SWING } from "./knobs";
 import { Motion, PACE, type Pace } from "./motion";
 import { RESTORE, type Session } from "./session";
 import { Signal } from "./signal";
@@ -76,6 +76,7 @@ export class Desk {
   /** A hand moves a knob: what it was going to is forgotten. */
   nudge(id: string, by: number): void {
     this.forget(id);
+    if (id === PRESS && by > 0 && this.session.command?.tissue?.probe === "looks") this.turn("press");
     this.session.nudge(id, by);
   }
 
@@ -184,6 +185,7 @@ export class Desk {
       case "hold":
       case "remember":
       case "relax":
+      case "press":
         return this.turn(action);
       case "nextModel":
         return this.chooseModel(this.nextModel());

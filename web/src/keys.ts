@@ -23,6 +23,7 @@ export const ACTIONS = {
   hold: "Hold the breath",
   remember: "Needle remembers",
   relax: "Tissue relaxes",
+  press: "Probe presses",
 } as const;
 
 export type ActionId = keyof typeof ACTIONS;
@@ -52,6 +53,7 @@ const OWN: ReadonlyMap<string, Binding> = new Map([
   action("KeyH", "hold"),
   action("KeyM", "remember"),
   action("KeyL", "relax"),
+  action("KeyI", "press"),
   action("Digit1", "model1"),
   action("Digit2", "model2"),
   action("Digit3", "model3"),

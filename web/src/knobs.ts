@@ -16,6 +16,7 @@ export const ACROSS = "needle.v" satisfies Known;
 export const SLIDE = "probe.slide" satisfies Known;
 export const SWEEP = "probe.sweep" satisfies Known;
 export const ROTATE = "probe.rotate" satisfies Known;
+export const PRESS = "probe.press" satisfies Known;
 export const GAIN = "image.gain" satisfies Known;
 export const DEPTH = "image.depth" satisfies Known;
 export const FREQUENCY = "image.frequency" satisfies Known;

@@ -19,7 +19,7 @@ export const focus = knob("image.focus", { unit: "cm", shown: 10, step: 5, rate:
 
 export const command: Command = {
   needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
-  probe: { slide: 0, sweep: 0, rotate: 0, fan: 0 },
+  probe: { slide: 0, sweep: 0, rotate: 0, fan: 0, press: 0 },
   image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 , transmit: 0, tgc1: 0, tgc2: 0, tgc3: 0, tgc4: 0, tgc5: 0, tgc6: 0, tgc7: 0, tgc8: 0, pixels: 512, mode: "fundamental", grey_map: "linear"},
-  tissue: { contact: "pose", relaxation: "none", breathing: "none" }, frozen: false,
+  tissue: { contact: "pose", relaxation: "none", breathing: "none", probe: "looks" }, frozen: false,
 };

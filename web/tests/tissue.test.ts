@@ -18,7 +18,7 @@ describe("what tissue does in time", () => {
 
   it("relaxes only where needles leave tracks", () => {
     const relaxed = turned(STILL, "relax");
-    expect(relaxed).toEqual({ contact: "track", relaxation: "tissue", breathing: "none" });
+    expect(relaxed).toEqual({ contact: "track", relaxation: "tissue", breathing: "none", probe: "looks" });
     expect(turned(relaxed, "remember")).toEqual(STILL);
     expect(turned(relaxed, "relax")).toEqual({ ...relaxed, relaxation: "none" });
   });
@@ -45,6 +45,7 @@ describe("what tissue does in time", () => {
     expect(inShort(scene, "elastic", turned(breathing, "hold"), 5)).toBe("Held 5 mm");
     expect(inShort(scene, "elastic", turned(STILL, "remember"), 0)).toBe("Remembers");
     expect(inShort(scene, "paper", breathing, 0)).toBe("No time");
+    expect(inShort(scene, "elastic", turned(STILL, "press"), 0, 4.26)).toBe("Probe 4.3 N");
     expect(inShort(scene, "elastic", STILL, 3)).toBe("Breath 3 mm"); // the last breath is drawn out
   });
 

@@ -1,8 +1,8 @@
 """Tissue that moves whatever the needle does: breathing, and the probe that presses on the skin.
 
 u_b(x, t) = s(t) B(x) + sum_k w_k D_k(x): the diaphragm's excursion times the field of one millimetre of it, and the
-at most eight dents between which the probe is. All are solved once; a frame costs a multiplication and an addition for
-each number of each of them, and of one dent while the probe is still.
+dents between which the probe is: four while it slides and presses, seven at most. All are solved once; a frame costs a
+multiplication and an addition for each number of each of them.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from ..geometry import pose
 from ..geometry.needle import Needle
 from ..mechanics.breathing import ORGAN_RATIO, Breathing
 from ..mechanics.footprint import Footprint
+from ..mechanics.stiffening import Stiffening
 from .diaphragm import carried_by_diaphragm
 from .probe_contact import ProbeContact
-from .probe_dents import ProbeDents
+from .probe_dents import Blend, ProbeDents
 from .solver import ElasticSolver
+from .weighted import weighted
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -64,6 +66,8 @@ class BackgroundMotion:
         World points of the organ that moves ``ratio`` times as far as the diaphragm; needed to breathe.
     footprint : Footprint, optional
         What of the probe presses on the skin; by default it only looks.
+    stiffening : Stiffening, optional
+        How its force grows faster than its depth; by default it does not.
     ratio : float, default: 0.65
         See ``organ``.
 
@@ -99,14 +103,17 @@ class BackgroundMotion:
         cranial_face: str | None = None,
         organ: ArrayLike | None = None,
         footprint: Footprint | None = None,
+        stiffening: Stiffening | None = None,
         ratio: float = ORGAN_RATIO,
     ) -> None:
         if not isinstance(breathing, Breathing | None):
             raise ValueError(f"breathing = {shown(breathing)} is not a Breathing; make one, e.g. Breathing()")
         if not isinstance(footprint, Footprint | None):
             raise ValueError(f"footprint = {shown(footprint)} is not a Footprint; make one, e.g. Footprint(60, 20)")
+        if not isinstance(stiffening, Stiffening | None):
+            raise ValueError(f"stiffening = {shown(stiffening)} is not a Stiffening; make one, e.g. Stiffening(4.0)")
         self.solver, self.breathing = solver, breathing
-        self._dents = None if footprint is None else ProbeDents(ProbeContact(solver, footprint))
+        self._dents = None if footprint is None else ProbeDents(ProbeContact(solver, footprint, stiffening))
         self.carried: Single | None = None
         """(3, nx, ny, nz) displacement for each mm of the diaphragm's excursion; None where nobody breathes."""
         if breathing is not None:
@@ -116,7 +123,7 @@ class BackgroundMotion:
                 )
             self.carried = carried_by_diaphragm(solver, cranial_face, organ, ratio=ratio)
             self._refuse_folds(breathing)
-        self._last: tuple[Any, tuple[Single, float]] | None = None
+        self._last: tuple[Any, Blend] | None = None
         self.rest = Background(solver.rest.displacement)
         """Nothing moves."""
 
@@ -159,11 +166,11 @@ class BackgroundMotion:
             As :meth:`ProbeContact.dent`.
         """
         excursion = 0.0 if self.breathing is None else float(self.breathing.excursion(_validate.number("t", t)))
-        dented, force = self._pressed(probe_to_reference, force_n)
-        parts = [(1.0, dented)] if force else []
+        blend = self._pressed(probe_to_reference, force_n)
+        parts = [(weight, dent.displacement) for weight, dent in blend.parts]
         if self.carried is not None and excursion:
             parts.append((excursion, self.carried))
-        return Background(_sum(parts), excursion, force) if parts else self.rest
+        return Background(weighted(parts), excursion, blend.force_n) if parts else self.rest
 
     def field(self, background: Background) -> GridField:
         """Return where tissue is as a field: cubic between the solver's nodes, on the display grid."""
@@ -186,20 +193,19 @@ class BackgroundMotion:
         """
         return needle if background == self.rest else undeformed(self.field(background), needle)
 
-    def _pressed(self, probe_to_reference: ArrayLike | None, force_n: float | None) -> tuple[Single, float]:
-        """The dent of the probe and its force; that of the last pose is kept, for probes are held for many frames."""
+    def _pressed(self, probe_to_reference: ArrayLike | None, force_n: float | None) -> Blend:
+        """The dents of the probe; those of the last pose are kept, for probes are held for many frames."""
         if force_n is not None:
             force_n = _validate.number("force_n", force_n)
         if probe_to_reference is None or self._dents is None:
             if force_n:
                 missing = "probe_to_reference" if probe_to_reference is None else "footprint"
                 raise ValueError(f"force_n = {force_n:g} presses nothing: {missing} is missing")
-            return self.solver.rest.displacement, 0.0
+            return Blend(())
         asked = np.asarray(probe_to_reference).tobytes(), force_n
         if self._last is None or self._last[0] != asked:
-            blend = self._dents.at(pose.rigid("probe_to_reference", probe_to_reference), force_n)
-            parts = [(weight, dent.displacement) for weight, dent in blend.parts]
-            self._last = asked, (_sum(parts) if parts else self.solver.rest.displacement, blend.force_n)
+            place = pose.rigid("probe_to_reference", probe_to_reference)
+            self._last = asked, self._dents.at(place, force_n)
         return self._last[1]
 
     def _refuse_folds(self, breathing: Breathing) -> None:
@@ -249,15 +255,3 @@ def undeformed(background: GridField, needle: Needle) -> Needle | None:
         part = beyond[first - 1] / (beyond[first - 1] - beyond[first])
         entry = local[first - 1] + part * (local[first] - local[first - 1])
     return Needle(grid.world(np.clip(entry, 0, grid.extent)), grid.world(local[-1]))
-
-
-def _sum(parts: list[tuple[float, Single]]) -> Single:
-    """A sum of fields times their weights, read-only; one pass over the numbers of each."""
-    from scipy.linalg.blas import saxpy
-
-    (weight, field), *others = parts
-    total = field * np.float32(weight)
-    for weight, field in others:
-        saxpy(field.ravel(), total.ravel(), a=weight)
-    total.setflags(write=False)
-    return total

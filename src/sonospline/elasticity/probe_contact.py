@@ -18,6 +18,7 @@ from .. import _core
 from .._shown import place
 from ..mechanics.footprint import Footprint
 from ..mechanics.loads import MILLI
+from ..mechanics.stiffening import Stiffening
 from .face_compliance import FaceCompliance
 from .solver import ElasticSolver
 
@@ -33,7 +34,6 @@ _RIM = 1.5
 _SPACING = 1.08
 """Of points, in cells: finer ones cannot be told apart by the nodes, coarser ones let tissue through between them."""
 _SWEEPS, _CLOSE_MM = 20_000, 1e-5
-_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +45,7 @@ class Dent:
     force_n: float
     """Of the probe on the tissue, into it, N; the reaction on the hand is as large."""
     energy_mj: float
-    """Elastic energy that is stored, mJ."""
+    """Energy that is stored in tissue, mJ."""
     pressure_kpa: Array
     """(m,) at the points of the footprint: contact force over the part of the face around each."""
 
@@ -57,9 +57,9 @@ class Dent:
 class ProbeContact:
     """The dents that a rigid footprint makes in the entry face of elastic tissue.
 
-    Linear elastic, small strain: skin at rest is flat, and forces are square to it. Points of the footprint beyond the
-    face, or within one and a half cells of its rim, touch nothing. The first dent at a place takes a solve for each
-    node of the face that it touches; others near it take one.
+    Small strain: skin at rest is flat, and forces are square to it. Linear elastic, unless tissue stiffens. Points of
+    the footprint beyond the face, or within one and a half cells of its rim, touch nothing. The first dent at a place
+    takes a solve for each node of the face that it touches; others near it are sums of those.
 
     Parameters
     ----------
@@ -67,6 +67,8 @@ class ProbeContact:
         Its entry face is free.
     footprint : Footprint
         The rigid face.
+    stiffening : Stiffening, optional
+        How force and energy grow beyond those of linear elastic tissue; they do not by default. Dents stay as they are.
 
     Examples
     --------
@@ -80,8 +82,8 @@ class ProbeContact:
     (True, Dent(2.82 N, 10 of 10 points touch))
     """
 
-    def __init__(self, solver: ElasticSolver, footprint: Footprint) -> None:
-        self.solver, self.footprint = solver, footprint
+    def __init__(self, solver: ElasticSolver, footprint: Footprint, stiffening: Stiffening | None = None) -> None:
+        self.solver, self.footprint, self.stiffening = solver, footprint, stiffening
         self.face = FaceCompliance(solver)
         self._spacing = np.array([solver.grid.spacing[a] for a in self.face.along])
         self._points = footprint.points(_SPACING * float(self._spacing.max()))
@@ -116,11 +118,14 @@ class ProbeContact:
         compliance = weights.T @ self.face.between(nodes) @ weights
         wanted = depths[touching]
         forces = _pressed(compliance, wanted)
-        pressure[touching] = forces / self._part
-        load = self.face.load(nodes, weights @ forces)
-        displacement = self.solver.equilibrium(load, tolerance=_TOLERANCE).displacement
-        energy = float(forces @ compliance @ forces) / 2
-        return Dent(displacement, float(forces.sum()) / MILLI, energy / MILLI, pressure)
+        displacement = self.face.displacement(nodes, weights @ forces)
+        energy = float(forces @ compliance @ forces) / 2 / MILLI
+        stiffer = 1.0
+        if self.stiffening is not None:
+            area = self.footprint.area_mm2
+            stiffer, energy = self.stiffening.factor(energy, area), self.stiffening.energy_mj(energy, area)
+        pressure[touching] = stiffer * forces / self._part
+        return Dent(displacement, stiffer * float(forces.sum()) / MILLI, energy, pressure)
 
     def check(self, probe_to_reference: Array) -> None:
         """Raise ValueError where a probe's middle is beyond the skin, or deeper than may be pressed."""
@@ -147,7 +152,7 @@ class ProbeContact:
     @property
     def _part(self) -> float:
         """Area around a point, mm^2."""
-        return self.footprint.length_mm * self.footprint.width_mm / len(self._points)
+        return self.footprint.area_mm2 / len(self._points)
 
     def _on_face(self, points: Array) -> Array:
         """Coordinates (m, 2) along the face, in cells."""

@@ -15,6 +15,11 @@ from .._shown import shown
 
 Array = NDArray[np.float64]
 
+_UPRIGHT = np.eye(3)
+_NEARLY = 1e-4 + 1e-5 * _UPRIGHT
+"""How far files may round."""
+_LAST = np.array([0.0, 0.0, 0.0, 1.0])
+
 
 def rigid(name: str, matrix: ArrayLike) -> Array:
     """Return a rigid (4, 4) transform, read-only; ValueError for one that shears, scales, mirrors or collapses."""
@@ -28,12 +33,12 @@ def rigid(name: str, matrix: ArrayLike) -> Array:
         raise ValueError(f"{name} = {shown(transform.tolist())} contains NaN or infinity; give finite numbers")
     rotation = transform[:3, :3]
     determinant = np.linalg.det(rotation)
-    if not np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-4) or determinant < 0:
+    if not (np.abs(rotation.T @ rotation - _UPRIGHT) <= _NEARLY).all() or determinant < 0:
         raise ValueError(
             f"{name} is not rigid (determinant {determinant:.4g}); its columns must be orthonormal unit vectors in mm, "
             "right-handed: fold pixel sizes into spacing_mm"
         )
-    if not np.allclose(transform[3], (0, 0, 0, 1)):
+    if not (np.abs(transform[3] - _LAST) <= 1e-8 + 1e-5 * _LAST).all():
         raise ValueError(f"{name} has the last row {transform[3].tolist()}; give 0, 0, 0, 1")
     left, _, right = np.linalg.svd(rotation)
     transform[:3, :3] = left @ right  # freed of the rounding of files

@@ -33,5 +33,6 @@ from .relaxation import ExponentialStep as ExponentialStep
 from .relaxation import PronySeries as PronySeries
 from .shaft import Shaft as Shaft
 from .shaft_displacement import ShaftDisplacement as ShaftDisplacement
+from .stiffening import Stiffening as Stiffening
 from .tissue_force import TissueForce as TissueForce
 from .tissue_map import TissueMap as TissueMap

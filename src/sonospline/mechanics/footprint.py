@@ -56,6 +56,11 @@ class Footprint:
                 "radius of a convex face, or 0 for a flat one"
             )
 
+    @property
+    def area_mm2(self) -> float:
+        """Length times width."""
+        return self.length_mm * self.width_mm
+
     def points(self, spacing_mm: float) -> Array:
         """Return points (m, 3) of the face in the probe's axes, mm, in the middles of parts about as long as a spacing.
 

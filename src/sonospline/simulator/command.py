@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 else:
     GreyMap = Literal[tuple(GREY_MAPS)]
 
+DEEPEST_MM = 18.0
+"""How deep a probe may be pressed, and a fifth of the tissue at most: beyond it what lies beside its face folds."""
+
 
 class NeedleCommand(Record, frozen=True, kw_only=True):
     """Where the needle should be: mm and degrees, seen from the skin (see :class:`SkinFrame`)."""
@@ -99,6 +102,14 @@ class ProbeCommand(Record, frozen=True, kw_only=True):
             down="Fan towards you", up="Fan away", keys=("KeyZ", "KeyX"), pad="d-pad across",
         ),
         Travel(always(-60.0, 60.0)),
+    ] = 0.0  # fmt: skip
+    press: Annotated[
+        float,
+        Knob(
+            name="Press", short="Press", help="Press on the skin", unit="mm", step=0.5, rate=5,
+            down="Press less", up="Press more", keys=("KeyC", "KeyV"),
+        ),
+        Travel(lambda scene: (0.0, max(0.0, min(DEEPEST_MM, scene.deep / 5) - scene.spec.probe.press_mm))),
     ] = 0.0  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from .logged_event import Log
 from .pass_metrics import PassMetrics
 from .readouts import Readouts
 from .scene import Scene
-from .session import Session
+from .session import Session, knows_time
 from .simulated_frame import SimulatedFrame
 
 RESTORE_S = 8.0
@@ -177,7 +177,8 @@ class Console:
     def constrain(self, command: Command) -> Constrained:
         """Return a command as far as needle and tissue allow it."""
         field = None if self.session.last is None else self.session.last.field
-        return constrain(self.scene, command, self._standing.entered, self.command.needle, field)
+        time = knows_time(self.session.model)
+        return constrain(self.scene, command, self._standing.entered, self.command.needle, field, time=time)
 
     def needle_command(self, needle: Needle) -> NeedleCommand:
         """Return the numbers of a needle in the world.

@@ -37,6 +37,8 @@ def constrain(
     entered: NeedleCommand | None,
     before: NeedleCommand | None = None,
     field: Field | None = None,
+    *,
+    time: bool = True,
 ) -> Constrained:
     """Return a command as far as needle and tissue allow it.
 
@@ -52,7 +54,11 @@ def constrain(
         Where it is now: it turns from there, as far as no bone is in the way.
     field : Field, optional
         How the tissue has moved, and loose fragments of bone with it.
+    time : bool, default: True
+        Whether the model knows time: tissue of others is not dented by a probe.
     """
+    if not time or command.tissue is None or command.tissue.probe == "looks":
+        command = command.with_probe(press=0.0)  # a probe that only looks presses nothing beyond what the scene has it
     needle = command.needle
     if needle.depth < _OUT_MM:
         return Constrained(command.with_needle(depth=0.0), None)

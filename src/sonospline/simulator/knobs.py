@@ -88,6 +88,8 @@ class Circumstances(NamedTuple):
     """Sides of the tissue to the right of where the probe rests, mm."""
     across: Range
     """Sides of the tissue away from the viewer, mm."""
+    deep: float
+    """Of the tissue below the skin, mm."""
     synthetic: bool
     """Whether the picture is computed: a real one has its frequency and focus."""
 

@@ -54,6 +54,13 @@ def breathing_of(part: BreathingPart) -> Breathing:
     return Breathing(excursion_mm=deep, seed=part.seed)
 
 
+def both(first: GridField | None, second: GridField | None) -> GridField | None:
+    """Return the sum of two displacements of undeformed tissue, on the same grid."""
+    if first is None or second is None:
+        return second if first is None else first
+    return GridField(first.grid, first.values + second.values)
+
+
 def needles_at_rest(background: GridField | None, needles: Needles) -> Needles:
     """Return needles as undeformed tissue has them; those that are where no tissue is are left out."""
     if background is None:

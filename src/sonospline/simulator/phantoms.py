@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +16,25 @@ from ..ultrasound.phantom import Phantom
 
 Array = NDArray[np.float64]
 
+MECHANICAL_VOXEL_MM = 2.0
+"""As fine as mechanics and surfaces need labels."""
+
 _GEL_BLOCK_MM = (120.0, 60.0, 70.0)
 _VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12}
 _CUBE_MM = 100.0
 _SHEETS_MM, _SHEET_MM = 20.0, 0.6
 _BESIDE_MM = 60.0
 """Of the cube's acoustic phantom beyond its pinned sides, where nothing moves: the fan is wider than the cube."""
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedDent:
+    """The dent of a probe that a phantom is painted with."""
+
+    at: Array
+    """(3,) the middle of the probe's face, world."""
+    undented: Callable[[], Volume]
+    """Makes the labels, for mechanics, of the same phantom without it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,14 +49,20 @@ class GeneratedTissue:
     targets: dict[str, Array]
     homogeneous: bool = False
     """Whether the labels are for the eye alone: one stiffness everywhere."""
+    dent: PaintedDent | None = None
 
 
 def kidney(voxel_mm: float) -> GeneratedTissue:
     """Return the kidney of :func:`~sonospline.ultrasound.kidney_phantom`."""
     found = kidney_phantom(spacing_mm=voxel_mm, kept=True)
     return GeneratedTissue(
-        phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets
-    )
+        phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
+        dent=PaintedDent(found.probe_to_reference[:3, 3], _undented_kidney),
+    )  # fmt: skip
+
+
+def _undented_kidney() -> Volume:
+    return kidney_phantom(spacing_mm=MECHANICAL_VOXEL_MM, pressed=False).phantom.labels
 
 
 def gel_block(voxel_mm: float) -> GeneratedTissue:

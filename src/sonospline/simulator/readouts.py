@@ -70,3 +70,5 @@ class Readouts:
     """Of the diaphragm towards the feet, as somebody breathes."""
     hub: HubForce | None
     """What the hand feels; None where the model knows no forces."""
+    probe_n: float | None
+    """Force of the probe on the skin, N; None where it only looks."""

@@ -17,6 +17,7 @@ from ..ultrasound.probe import Probe
 from .command import Command
 from .imaging import Imager
 from .knobs import Knobs
+from .scene_content import Undented
 from .scene_file import SceneFile
 from .skin_frame import SkinFrame
 from .surfaces import Mesh
@@ -42,6 +43,8 @@ class Scene:
     """What may be asked, and how far."""
     draw: Callable[[], tuple[Mesh, ...]]
     """Makes :attr:`meshes`."""
+    undented: Undented | None
+    """What its tissue is like without the dent that it is painted with; None where it has none."""
     prepare: Callable[[], None]
     """Makes what the first picture did not need and others will; from any thread."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +27,20 @@ from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
-from .phantoms import PHANTOMS
+from .phantoms import MECHANICAL_VOXEL_MM, PHANTOMS, GeneratedTissue
 from .scene_file import SceneFile
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
-_MECHANICAL_VOXEL_MM = 2.0
+
+class Undented(NamedTuple):
+    """What a phantom that is painted with the dent of a probe is like without it."""
+
+    at: Array
+    """(3,) the middle of the face of the probe that dents it, world."""
+    tissues: Callable[[], TissueMap]
+    """Makes them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +55,7 @@ class SceneContent:
     names: Mapping[int, str] | None = None
     phantom: Phantom | None = None
     """What a synthetic picture is of."""
+    undented: Undented | None = None
 
 
 def read_content(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
@@ -70,16 +78,22 @@ def _generated(spec: SceneFile, folder: Path, progress: Progress) -> SceneConten
     progress(0.5)
     low, high = made.box
     coarse = _coarser(made.phantom.labels)
-    labelled = not made.homogeneous
+    labelled, materials = not made.homogeneous, _materials(spec, folder)
     return SceneContent(
         grid=Grid.covering(high - low, nodes=spec.tissue.nodes, origin=low),
         see=_synthetic(spec, made.phantom),
         targets=made.targets,
-        tissues=TissueMap.named(coarse, made.names, _materials(spec, folder)) if labelled else None,
+        tissues=TissueMap.named(coarse, made.names, materials) if labelled else None,
         labels=coarse if labelled else None,
         names=made.names,
         phantom=made.phantom,
+        undented=None if made.dent is None else Undented(made.dent.at, partial(_undented, made, materials)),
     )
+
+
+def _undented(made: GeneratedTissue, materials: MaterialTable) -> TissueMap:
+    assert made.dent is not None
+    return TissueMap.named(made.dent.undented(), made.names, materials)
 
 
 def _labels(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
@@ -160,7 +174,7 @@ def _middle(grid: Grid) -> dict[str, Array]:
 
 def _coarser(labels: Volume) -> Volume:
     """The label map at about 2 mm: as fine as mechanics and surfaces need it."""
-    strides = [max(1, round(_MECHANICAL_VOXEL_MM / h)) for h in labels.spacing]
+    strides = [max(1, round(MECHANICAL_VOXEL_MM / h)) for h in labels.spacing]
     voxels: NDArray[Any] = np.ascontiguousarray(labels.voxels[tuple(slice(None, None, s) for s in strides)])
     spacing = tuple(h * s for h, s in zip(labels.spacing, strides, strict=True))
     return replace(labels, voxels=voxels, spacing=spacing)  # type: ignore[arg-type]

@@ -39,6 +39,18 @@ class TissuePart(Record, frozen=True, kw_only=True):
     ct: Annotated[Text, about("CT of the same patient, for voxels without a label")] | None = None
     materials: Annotated[Text, about("TOML of materials by name; others are the assumed ones")] | None = None
     stiffness_kpa: Annotated[float, about("Young's modulus where there are no labels", low=1e-3, high=1e6)] = 10.0
+    stiffening_mj_cm2: (
+        Annotated[
+            float,
+            about(
+                "energy under a pressed probe, for each cm2 of its face, at which it takes e times the force of linear "
+                "tissue; none by default",
+                low=1e-3,
+                high=1e6,
+            ),
+        ]
+        | None
+    ) = None
     voxel_mm: Annotated[float, about("voxel of a generated phantom", low=0.2, high=4.0)] = 0.5
     entry_face: Annotated[Face, about("the free face, lattice axis and side; the other five are pinned")] = "z-"
     low: Annotated[Triple, about("one corner of the mechanical box, RAS mm; by default the whole image")] | None = None
@@ -87,6 +99,7 @@ class ProbePart(Record, frozen=True, kw_only=True):
         | None
     ) = None
     press_mm: Annotated[float, about("how deep it is pressed in", low=0.0, high=30.0)] = 0.0
+    presses: Annotated[bool, about("whether it dents the skin at the start; for models that know time")] = False
     slide: Annotated[float, about("where it starts, mm to the right of its place", low=-300.0, high=300.0)] = 0.0
 
 

@@ -70,14 +70,15 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
     tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
     probe = _probe(spec)
     along, across = frame.sides(content.grid)
-    circumstances = Circumstances(spec, probe, along, across, synthetic=content.phantom is not None)
+    deep = float(np.abs(frame.depth @ content.grid.direction) @ content.grid.extent)
+    circumstances = Circumstances(spec, probe, along, across, deep, synthetic=content.phantom is not None)
     knobs = Knobs.of(Command, circumstances)
     first = replace(start(Command, circumstances), tissue=_tissue_settings(spec))
     knobs.check(first)
     progress(0.9)
     return Scene(
         spec=spec, tissue=tissue, frame=frame, tissues=content.tissues, see=content.see, probe=probe, targets=targets,
-        start=first, knobs=knobs, draw=partial(scene_meshes, spec, content, frame),
+        start=first, knobs=knobs, undented=content.undented, draw=partial(scene_meshes, spec, content, frame),
         prepare=_nothing if content.phantom is None else content.phantom.prepare,
     )  # fmt: skip
 
@@ -85,7 +86,10 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
 def _tissue_settings(spec: SceneFile) -> TissueSettings:
     breathes = spec.breathing is not None and spec.breathing.breathes
     return TissueSettings(
-        contact=spec.model.contact, relaxation=spec.model.relaxation, breathing="free" if breathes else "none"
+        contact=spec.model.contact,
+        relaxation=spec.model.relaxation,
+        breathing="free" if breathes else "none",
+        probe="presses" if spec.probe.presses else "looks",
     )
 
 

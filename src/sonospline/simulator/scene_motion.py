@@ -8,13 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..elasticity.background import BackgroundMotion
+from ..elasticity.pressed_tissue import PressedTissue
 from ..elasticity.solver import ElasticSolver
+from ..geometry import pose
 from ..mechanics.breathing import Breathing
 from ..mechanics.footprint import Footprint
+from ..mechanics.stiffening import Stiffening
 from ..ultrasound.probe import Probe
 from .scene import Scene
 
 Array = NDArray[np.float64]
+
+_MOST_NODES = 25**3
+"""Of the solver that finds dents: they are as wide as the probe."""
 
 
 def scene_motion(
@@ -51,8 +57,10 @@ def scene_motion(
     True
     """
     footprint = housing(scene.probe) if pressed else None
+    energy = scene.spec.tissue.stiffening_mj_cm2
+    stiffening = None if energy is None else Stiffening(energy)
     if breathing is None:
-        return BackgroundMotion(solver, footprint=footprint)
+        return BackgroundMotion(solver, footprint=footprint, stiffening=stiffening)
     part = scene.spec.breathing
     if part is None:
         raise ValueError(
@@ -65,8 +73,21 @@ def scene_motion(
         cranial_face=part.cranial_face,
         organ=_nodes_named(scene, part.organ),
         footprint=footprint,
+        stiffening=stiffening,
         ratio=part.ratio,
     )
+
+
+def pressed_tissue(scene: Scene, solver: ElasticSolver) -> PressedTissue:
+    """Return how a scene's probe dents its tissue, of which an elastic model has a solver."""
+    undented, painted = scene.undented, None
+    nodes = min(solver.grid.node_count, _MOST_NODES)
+    if undented is not None:
+        painted = pose.facing(undented.at, depth=scene.frame.depth, right=scene.frame.right)
+        solver = ElasticSolver(scene.tissue, undented.tissues(), nodes=nodes)
+    elif nodes < solver.grid.node_count:
+        solver = ElasticSolver(scene.tissue, solver.material, nodes=nodes)
+    return PressedTissue(scene_motion(scene, solver, pressed=True), painted)
 
 
 def housing(probe: Probe) -> Footprint:

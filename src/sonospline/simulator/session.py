@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _validate
 from .._shown import shown
 from ..contact.events import Touched
+from ..elasticity.pressed_tissue import PressedTissue
+from ..elasticity.solver import ElasticSolver
 from ..fields.carried_field import CarriedField
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
@@ -24,13 +26,14 @@ from .breath import Breath
 from .command import ImageSettings
 from .fold_check import folds
 from .imaging import Imager, out_of_plane, tuned
-from .moving_tissue import MovingTissue, composed, needles_at_rest
+from .moving_tissue import MovingTissue, both, composed, needles_at_rest
 from .poses import Needles, Poses, same
 from .readouts import HubForce, Readouts
 from .scene import Scene
 from .scene_file import SceneFile
 from .scene_maker import make_scene
 from .scene_model import scene_model
+from .scene_motion import pressed_tissue
 from .simulated_frame import SimulatedFrame
 from .tissue_settings import TissueSettings
 
@@ -43,6 +46,14 @@ class _Answer(NamedTuple):
     response: Response | None
     field: GridField
     folds: bool
+
+
+class _Moving(NamedTuple):
+    """Tissue without needles, as breath and probe move it."""
+
+    field: GridField | None
+    excursion_mm: float
+    probe_n: float | None
 
 
 class _Kind(NamedTuple):
@@ -100,6 +111,7 @@ class Session:
         """The field while no needle is in."""
         self._models: dict[_Kind, TissueModel] = {}
         self._moving: MovingTissue | None = None
+        self._pressed: PressedTissue | None = None
         self._making = threading.Lock()
         self._imager: Imager | None = None
 
@@ -132,17 +144,19 @@ class Session:
         settings : ImageSettings, optional
             Gain, depth, frequency and focus.
         tissue : TissueSettings, optional
-            Whether needles leave tracks, whether tissue relaxes and whether somebody breathes. Models without
-            ``"time"`` heed none of it; who chooses another contact or relaxation begins with the needle put in anew.
+            Whether needles leave tracks, whether tissue relaxes, whether somebody breathes and whether the probe dents
+            the skin, as deep as its pose is below it. Models without ``"time"`` heed none of it; who chooses another
+            contact or relaxation begins with the needle put in anew.
         dt : float, default: 0
             Seconds since the last step; zero asks for the quasi-static answer.
 
         Raises
         ------
         ValueError
-            A needle outside the tissue or with its entry in bone, a pose that is not rigid, settings beyond the
-            scene's, breathing in a scene that has no part for it, a dt below zero or not finite, or several needles
-            where the model knows one. Whatever a step raises, nothing has changed.
+            A needle outside the tissue or with its entry in bone, a pose that is not rigid, a probe that presses beside
+            the skin or deeper than a third of the tissue, settings beyond the scene's, breathing in a scene that has no
+            part for it, a dt below zero or not finite, or several needles where the model knows one. Whatever a step
+            raises, nothing has changed.
         """
         last, dt = self.last, _validate.number("dt", dt)
         poses = self._in_force().changed(self.scene, needles, probe_to_reference, settings, tissue)
@@ -151,23 +165,22 @@ class Session:
         number, now = (0, dt) if last is None else (last.number + 1, last.time_s + dt)
         began = time.perf_counter()
         breath = self._breath(poses.tissue, now)
-        excursion = 0.0 if breath is None else breath.excursion_mm(now)
-        background = None if breath is None else self._breathing().at(excursion)
-        undeformed = needles_at_rest(background, poses.needles)
+        moving = self._without_needles(poses, breath, now)
+        undeformed = needles_at_rest(moving.field, poses.needles)
         answer = self._answer(undeformed, poses.tissue, dt)
-        field = composed(answer.field, background)
+        field = composed(answer.field, moving.field)
         answered = time.perf_counter()
         imager = self._aimed(poses)
         image = imager.render(field, poses.needle, frame=number, settings=poses.settings)
         rendered = time.perf_counter()
-        rest, moved = self.targets[self.target], self._target_moved(answer, background)
+        rest, moved = self.targets[self.target], self._target_moved(answer, moving.field)
         self.last = SimulatedFrame(
             number=number, time_s=now, dt=dt, image=image, probe=imager.probe,
             probe_to_reference=imager.probe_to_reference,
             settings=poses.settings, tissue=poses.tissue, needles=poses.needles, undeformed=undeformed,
             model=self.model, response=answer.response, events=_events(rests, answer.response, last), field=field,
             by_needles=answer.field, breath=breath, target=self.target, target_rest=rest, target_now=rest + moved,
-            readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer, excursion),
+            readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer, moving),
             step_ms=1e3 * (answered - began), render_ms=1e3 * (rendered - answered),
         )  # fmt: skip
         self._imager = imager
@@ -278,16 +291,35 @@ class Session:
             breath = Breath(self._breathing().breathing, now)
         return None if breath is None else breath.asked(tissue.breathing, now)
 
+    def _without_needles(self, poses: Poses, breath: Breath | None, now: float) -> _Moving:
+        """Where tissue is whatever the needles do; models without time know of neither breath nor probe."""
+        excursion = 0.0 if breath is None else breath.excursion_mm(now)
+        breathed = None if breath is None else self._breathing().at(excursion)
+        if poses.tissue.probe == "looks" or not knows_time(self.model):
+            return _Moving(breathed, excursion, None)
+        pressed = self._pressing().at(poses.probe_to_reference)
+        return _Moving(both(breathed, pressed.field), excursion, pressed.force_n)
+
     def _breathing(self) -> MovingTissue:
         """How the scene's tissue breathes, made when first asked for, on the nodes of its elastic model."""
         if self._moving is None:
-            from ..models.elastic.model import ElasticModel
-
-            models = [model for model in self._models.values() if isinstance(model, ElasticModel)]
-            model = models[0] if models else self._model(_Kind("elastic", "pose", "none"))
-            assert isinstance(model, ElasticModel)
-            self._moving = MovingTissue.of(self.scene, model.solver)
+            self._moving = MovingTissue.of(self.scene, self._solver())
         return self._moving
+
+    def _pressing(self) -> PressedTissue:
+        """How the probe dents the scene's tissue, made when first asked for."""
+        if self._pressed is None:
+            self._pressed = pressed_tissue(self.scene, self._solver())
+        return self._pressed
+
+    def _solver(self) -> ElasticSolver:
+        """That of the scene's elastic model."""
+        from ..models.elastic.model import ElasticModel
+
+        models = [model for model in self._models.values() if isinstance(model, ElasticModel)]
+        model = models[0] if models else self._model(_Kind("elastic", "pose", "none"))
+        assert isinstance(model, ElasticModel)
+        return model.solver
 
     def _aimed(self, poses: Poses) -> Imager:
         imager, place = self._imager, poses.probe_to_reference
@@ -303,7 +335,7 @@ class Session:
         return field.displacement(self.targets[self.target][None])[0]
 
     def _readouts(
-        self, needle: Needle | None, target: Array, moved: Array, imager: Imager, answer: _Answer, excursion: float
+        self, needle: Needle | None, target: Array, moved: Array, imager: Imager, answer: _Answer, moving: _Moving
     ) -> Readouts:
         away = half_slice = to_target = float("nan")
         if needle is not None:
@@ -312,7 +344,8 @@ class Session:
         return Readouts(
             tip_to_target=to_target, depth=0.0 if needle is None else needle.depth, moved=float(np.linalg.norm(moved)),
             moved_parts=self.scene.frame.parts(moved), out_of_plane=away, half_slice=half_slice, folds=answer.folds,
-            estimate=answer.field.error_estimate, excursion=excursion, hub=self._felt(answer.response),
+            estimate=answer.field.error_estimate, excursion=moving.excursion_mm,
+            hub=self._felt(answer.response), probe_n=moving.probe_n,
         )  # fmt: skip
 
     def _felt(self, response: Response | None) -> HubForce | None:

@@ -111,15 +111,16 @@ class SkinFrame:
     def probe_to_reference(self, command: ProbeCommand, press_mm: float) -> Array:
         """Return the probe's pose (4, 4): origin in the middle of its face, x right, y deep, z away from the viewer.
 
-        Slide along r and sweep along n; then rotate about d (right-handed), then fan about the image's own x,
-        positive turning its depth towards its z.
+        Press along d, beyond what the scene has it; slide along r and sweep along n; then rotate about d
+        (right-handed), then fan about the image's own x, positive turning its depth towards its z.
         """
         turn, fan = np.radians(command.rotate), np.radians(command.fan)
         x = np.cos(turn) * self.right - np.sin(turn) * self.out
         z = np.cos(turn) * self.out + np.sin(turn) * self.right
         y = np.cos(fan) * self.depth + np.sin(fan) * z
         place = np.eye(4)
-        origin = self.origin + press_mm * self.depth + command.slide * self.right + command.sweep * self.out
+        deep = press_mm + command.press
+        origin = self.origin + deep * self.depth + command.slide * self.right + command.sweep * self.out
         place[:3] = np.column_stack([x, y, np.cos(fan) * z - np.sin(fan) * self.depth, origin])
         return place
 
@@ -129,16 +130,17 @@ class SkinFrame:
         Raises
         ------
         ValueError
-            A pose that is not rigid, one above or below where it is pressed to, or one that is rocked: turned
+            A pose that is not rigid, one above where the scene presses it, or one that is rocked: turned
             about its own z, which slide, sweep, rotate and fan do not do.
         """
         place = pose.rigid("probe_to_reference", probe_to_reference)
         slide, deep, sweep = self.parts(place[:3, 3] - self.origin)
-        if abs(deep - press_mm) > _OFF_MM:
+        if deep < press_mm - _OFF_MM:
             raise ValueError(
                 f"probe_to_reference has its origin {deep:.4g} mm below the skin; place it {press_mm:g} mm below, as "
-                "the scene presses it"
+                "the scene presses it, or deeper"
             )
+        press = deep - press_mm if deep > press_mm + _OFF_MM else 0.0
         right, rocked, away = self.parts(place[:3, 0])
         if abs(rocked) > np.sin(np.radians(_OFF_DEG)):
             rock = np.degrees(np.arcsin(np.clip(rocked, -1, 1)))
@@ -149,7 +151,8 @@ class SkinFrame:
         rotate = np.arctan2(-away, right)
         turned = np.cos(rotate) * self.out + np.sin(rotate) * self.right
         fan = np.arctan2(place[:3, 1] @ turned, place[:3, 1] @ self.depth)
-        return ProbeCommand(slide=slide, sweep=sweep, rotate=float(np.degrees(rotate)), fan=float(np.degrees(fan)))
+        turned_by, fanned_by = float(np.degrees(rotate)), float(np.degrees(fan))
+        return ProbeCommand(press=press, slide=slide, sweep=sweep, rotate=turned_by, fan=fanned_by)
 
     def parts(self, vector: Array) -> tuple[float, float, float]:
         """Return a vector's parts to the right, deeper, and away from the viewer."""

@@ -1,10 +1,11 @@
-/** What tissue does in time: a menu of four switches, and in a word what is on. */
+/** What tissue does in time and under the probe: a menu of five switches, and in a word what is on. */
 
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
 import { keyOf } from "../keys";
-import { inShort, isOn, STILL, SWITCHES, unavailable } from "../tissue";
+import { inShort, isOn, pressing, STILL, SWITCHES, unavailable } from "../tissue";
+import type { TissueSwitch } from "../tissue";
 import { popup } from "./menu";
 
 const EVERY = 100;
@@ -38,11 +39,20 @@ export class TissueMenu {
     const { session } = this.desk;
     if (!session.scene || now - this.writtenAt < EVERY) return;
     this.writtenAt = now;
-    const excursion = session.agrees ? (session.frame?.header.readouts.excursion ?? 0) : 0;
-    write(this.state, inShort(session.scene, session.model, session.command?.tissue ?? STILL, excursion));
+    const values = session.agrees ? session.frame?.header.readouts : undefined;
+    const excursion = values?.excursion ?? 0;
+    const probe = values?.probe_n ?? null;
+    write(this.state, inShort(session.scene, session.model, session.command?.tissue ?? STILL, excursion, probe));
     this.state.dataset.value = excursion.toFixed(3);
-    const note = this.items[0]?.lastElementChild;
-    if (note && excursion !== 0 && !this.menu.hidden) write(note, `The diaphragm is ${excursion.toFixed(0)} mm from rest`);
+    this.state.dataset.probe = probe === null ? "" : probe.toFixed(3);
+    if (this.menu.hidden) return;
+    if (excursion !== 0) this.note("breathe", `The diaphragm is ${excursion.toFixed(0)} mm from rest`);
+    if (probe !== null) this.note("press", `${pressing(probe)} on the skin`);
+  }
+
+  private note(id: TissueSwitch, text: string): void {
+    const note = this.items[SWITCHES.findIndex((one) => one.id === id)]?.lastElementChild;
+    if (note) write(note, text);
   }
 
   private entries(): HTMLElement[] {
