@@ -257,7 +257,7 @@ def test_targets_are_chosen(console):
 
 
 def test_folding_tissue_is_seen(scene):
-    from sonospline.simulator.fold_check import folds
+    from sonospline.fields.fold_check import folds
 
     grid, needle = scene.tissue.grid, the_needle(scene, scene.start.with_needle(depth=30.0))
     values = np.zeros((*grid.shape, 3), np.float32)

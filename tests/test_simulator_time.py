@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 import sonospline as ss
 from simulator_scenes import SMALL
 from sonospline.contact import Left, Punctured, Touched
+from sonospline.elasticity.carried import composed, needles_at_rest
 from sonospline.mechanics import Blocked, Breathing, Spread
+from sonospline.mechanics.breath import Breath
 from sonospline.models import registry
 from sonospline.simulator import Console, Runner, SceneError, SceneFile, Session, TissueSettings, make_scene
-from sonospline.simulator.breath import Breath
 from sonospline.simulator.event_log import logged
-from sonospline.simulator.moving_tissue import composed, needles_at_rest
 
 BREATHING = """
 [breathing]

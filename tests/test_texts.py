@@ -235,6 +235,7 @@ MAKERS = {
     contact.Push: lambda: contact.Push(TRACKED.medium, "needle", contact.Motion(NEEDLE, NEEDLE), TRACKED.displacement),
     contact.Touched: lambda: contact.Touched("needle", "rib 11"),
     contact.Punctured: lambda: contact.Punctured("needle", "renal capsule", 100 / 3),
+    contact.Held: lambda: contact.Held("needle", "muscle", 0.25),
     contact.Left: lambda: contact.Left("needle", "renal capsule"),
     contact.Track: lambda: TRACKED.track,
     mechanics.Membrane: lambda: mechanics.Membrane("renal capsule", ["kidney*"] * 9, 100 / 3),

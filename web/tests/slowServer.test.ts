@@ -167,11 +167,12 @@ describe("what the server did not follow", () => {
 
 describe("what stops a needle", () => {
   it("is said in words", () => {
-    expect(stopped({ blocked: "bone", bone: "rib_left_8" })).toEqual(["Bone: left rib 8", "The needle stops here: pull it back"]);
-    expect(stopped({ blocked: "bone", bone: "vertebrae_L1" })?.[0]).toBe("Bone: vertebrae L1");
-    expect(stopped({ blocked: "bone", bone: "label 7" })?.[0]).toBe("Bone: label 7");
-    expect(stopped({ blocked: "bone", bone: "bone" })?.[0]).toBe("Bone");
-    expect(stopped({ blocked: "leaves the tissue", bone: null })?.[0]).toBe("Leaves the tissue");
-    expect(stopped({ blocked: null, bone: null })).toBeNull();
+    expect(stopped({ blocked: "bone", bone: "rib_left_8", held_by: null })).toEqual(["Bone: left rib 8", "The needle stops here: pull it back"]);
+    expect(stopped({ blocked: "bone", bone: "vertebrae_L1", held_by: null })?.[0]).toBe("Bone: vertebrae L1");
+    expect(stopped({ blocked: "bone", bone: "label 7", held_by: null })?.[0]).toBe("Bone: label 7");
+    expect(stopped({ blocked: "bone", bone: "bone", held_by: null })?.[0]).toBe("Bone");
+    expect(stopped({ blocked: "leaves the tissue", bone: null, held_by: null })?.[0]).toBe("Leaves the tissue");
+    expect(stopped({ blocked: "held", bone: null, held_by: "kidney_left" })).toEqual(["Turns no further", "Left kidney would tear: turn it back, or pull it out"]);
+    expect(stopped({ blocked: null, bone: null, held_by: null })).toBeNull();
   });
 });

@@ -1,3 +1,4 @@
+from .events import Held as Held
 from .events import Left as Left
 from .events import Punctured as Punctured
 from .events import Touched as Touched

@@ -50,6 +50,32 @@ class Left:
 
 
 @dataclass(frozen=True)
+class Held:
+    """A needle turns no further, for the tissue beside its shaft would tear.
+
+    Parameters
+    ----------
+    needle, by : str
+        Its name, and the tissue's; empty where there is one alone.
+    share : float
+        How much of the way it turns, 0 to 1.
+
+    Examples
+    --------
+    >>> from sonospline.contact import Held
+    >>> str(Held("needle", "muscle", 0.25))
+    'held by "muscle"'
+    """
+
+    needle: str
+    by: str
+    share: float
+
+    def __str__(self) -> str:
+        return f'held by "{self.by or "tissue"}"'
+
+
+@dataclass(frozen=True)
 class Touched:
     """The tip of a needle has come upon bone.
 

@@ -122,6 +122,20 @@ class Medium:
         found = [self._resistances.get(int(label), _NONE) for label in self._tissue_map.labels_at(places)]
         return Resistance(*np.transpose(found))
 
+    def strength(self, places: Array) -> Array:
+        """Return the force per length (m,), mN/mm, that tissue takes across a needle; 0 in fluids, which hold none."""
+        if isinstance(self._tissue_map, Material):
+            return np.full(len(places), _strength(self._tissue_map))
+        labels = self._tissue_map.labels_at(places)
+        return np.array([self._strengths.get(int(label), 0.0) for label in labels])
+
+    def tissue_at(self, place: Array) -> str:
+        """Return the name of the tissue at a place (3,); empty where there is one alone."""
+        if isinstance(self._tissue_map, Material):
+            return ""
+        label = int(self._tissue_map.labels_at(place[None])[0])
+        return self._tissue_map.names.get(label, f"label {label}")
+
     def inside(self, places: Array) -> NDArray[np.bool_]:
         """Return whether each of the places (m, 3) is inside each of the membranes: (m, membranes)."""
         if not self.membranes:
@@ -141,12 +155,21 @@ class Medium:
         return {label: [m.holds(name) for m in self.membranes] for label, name in names.items()}
 
     @cached_property
+    def _strengths(self) -> dict[int, float]:
+        assert isinstance(self._tissue_map, TissueMap)
+        return {label: _strength(material) for label, material in self._tissue_map.materials.items()}
+
+    @cached_property
     def _resistances(self) -> dict[int, Array]:
         assert isinstance(self._tissue_map, TissueMap)
         return {label: _resistance(material) for label, material in self._tissue_map.materials.items()}
 
     def __repr__(self) -> str:
         return f"Medium({self.solver!r}, width={self.width:.4g}, {len(self.membranes)} membranes)"
+
+
+def _strength(material: Material) -> float:
+    return 0.0 if material.fluid else MILLI * material.lateral_strength_n_per_mm
 
 
 def _resistance(material: Material) -> Array:

@@ -106,6 +106,14 @@ class Material:
     cutting_force_n: float = field(
         default=0.7, metadata=_about("Force at an advancing tip, at or above zero.", _validate.number)
     )
+    lateral_strength_n_per_mm: float = field(
+        default=0.1,
+        metadata=_about(
+            "Force per length across a shaft up to which it can be turned: more would tear. Above zero, assumed; for "
+            "needles in time.",
+            partial(_validate.number, positive=True),
+        ),
+    )
     rigid: bool = field(
         default=False,
         metadata=_about(

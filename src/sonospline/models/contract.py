@@ -15,6 +15,7 @@ from .. import _validate
 from .._by_bits import ByBits
 from .._digest import digest
 from .._shown import shown
+from ..contact.events import Held
 from ..fields.field import Field
 from ..geometry.needle import Needle
 from ..geometry.needles import NO_NEEDLES, Named, Needles, named
@@ -279,6 +280,13 @@ class TissueModel(ABC):
         inside, events = stopped(dict(self._check_needles(needles)), self.tissues, self._before(state))
         response = self._answer(state, dict(inside), dt)
         return replace(response, events=(*events, *response.events)) if events else response
+
+    def held(self, state: State, name: str, start: Needle, end: Needle) -> Held | None:
+        """Return what keeps a needle of a state from turning from one pose to another; None where nothing does.
+
+        Only models whose needles leave tracks know of it; a step takes the poses that it is given.
+        """
+        return None
 
     def facts(self, response: Response) -> dict[str, Any]:
         """Return what a summary says of a response: numbers, texts and lists of them, by name."""

@@ -72,6 +72,8 @@ class FrameHeader(Struct, frozen=True, kw_only=True):
     blocked: Blocked | None
     bone: str | None
     """The bone that blocks the needle, as the label map calls it."""
+    held_by: str | None
+    """The tissue that holds the needle, which turns no further."""
     needle: NeedlePlace
     target: TargetPlace
     readouts: Readouts
@@ -127,6 +129,7 @@ def frame(shown: ConsoleFrame, *, number: int, seq: int, positions: NDArray[np.f
         image_to_reference=_numbers(shown.image_to_reference),
         probe_to_reference=_numbers(shown.probe_to_reference),
         state=shown.command, blocked=shown.blocked, bone=shown.bone,
+        held_by=shown.held_by,
         needle=NeedlePlace(
             entry=_numbers(shown.entry), tip=_numbers(shown.tip), direction=_numbers(shown.direction)
         ),

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import ArrayLike, NDArray
 
+from ..contact.events import Held
 from ..geometry.needle import Needle
 from ..models.insertion import NEEDLE
 from .command import Command, NeedleCommand, ProbeCommand
@@ -156,6 +157,7 @@ class Console:
             tissue=allowed.tissue,
             dt=dt,
         )
+        constrained = self._as_held(constrained, frame)
         now, standing = self._clock(), self._standing
         if self._paused_at is not None:
             standing = replace(standing, metrics=standing.metrics.later(now - self._paused_at))
@@ -246,6 +248,16 @@ class Console:
         """A command that says what tissue does in time."""
         return command if command.tissue else structs.replace(command, tissue=self.scene.start.tissue)
 
+    def _as_held(self, constrained: Constrained, frame: SimulatedFrame) -> Constrained:
+        """What is allowed of a command once tissue has had its say: the needle turns as far as the frame has it."""
+        held = next((event for event in frame.events if isinstance(event, Held)), None)
+        if held is None or frame.needle is None:
+            return constrained
+        there = self.scene.frame.needle_command(frame.needle)
+        command = constrained.command.with_needle(angle=there.angle, swing=there.swing)
+        blocked = constrained.blocked if constrained.bone else "held"
+        return constrained._replace(command=command, blocked=blocked, held_by=held.by or "tissue")
+
     def _shown(self, frame: SimulatedFrame, constrained: Constrained) -> ConsoleFrame:
         skin, command = self.scene.frame, constrained.command
         entry, direction = skin.entry(command.needle), skin.direction(command.needle)
@@ -253,7 +265,7 @@ class Console:
         exact = replace(readouts, depth=command.needle.depth)
         return ConsoleFrame(
             **vars(frame) | {"readouts": exact}, command=command, blocked=constrained.blocked,
-            bone=constrained.bone, entry=entry,
+            bone=constrained.bone, held_by=constrained.held_by, entry=entry,
             tip=entry + command.needle.depth * direction, direction=direction, metrics=self._standing.metrics,
             log=self._standing.log,
         )  # fmt: skip

@@ -26,6 +26,8 @@ class ConsoleFrame(SimulatedFrame):
     """Why the needle is not where it was asked to be, or goes no further."""
     bone: str | None
     """The bone that blocks it, as the label map calls it."""
+    held_by: str | None
+    """The tissue that holds it, as the label map calls it: it turns no further."""
     entry: Array
     """Where the needle meets the skin, or would."""
     tip: Array

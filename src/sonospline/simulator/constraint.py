@@ -15,7 +15,9 @@ from .scene import Scene
 from .skin_frame import room_along
 
 STEER_DEG = 5.0
-"""How far a needle inside can be turned from the direction it entered in."""
+"""How far a needle inside can be turned from the direction it entered in, where tissue has no say in it."""
+MOST_DEG = 20.0
+"""How far where tissue has: it ends in most cases before that."""
 _OUT_MM = 0.05
 """A needle less deep than this is out."""
 _INSIDE_MM = 1e-3
@@ -29,6 +31,8 @@ class Constrained(NamedTuple):
     blocked: Blocked | None
     bone: str | None = None
     """Which, where one is why."""
+    held_by: str | None = None
+    """Which tissue, where it is why."""
 
 
 def constrain(
@@ -65,7 +69,8 @@ def constrain(
     blocked: Blocked | None = None
     bone: str | None = None
     if entered is not None:
-        held = _held(needle, entered)
+        tracks = time and command.tissue is not None and command.tissue.contact == "track"
+        held = _held(needle, entered, MOST_DEG if tracks else STEER_DEG)
         blocked = None if held == needle else "needle inside"
         needle = held
         if before is not None and scene.has_bone:
@@ -84,12 +89,12 @@ def constrain(
     return Constrained(replace(command, needle=needle), "bone" if bone else blocked, bone)
 
 
-def _held(command: NeedleCommand, entered: NeedleCommand) -> NeedleCommand:
+def _held(command: NeedleCommand, entered: NeedleCommand, most: float) -> NeedleCommand:
     """A needle inside keeps its entry and turns but a little from the direction it entered in."""
     return replace(
         command,
         u=entered.u,
         v=entered.v,
-        angle=float(np.clip(command.angle, entered.angle - STEER_DEG, entered.angle + STEER_DEG)),
-        swing=float(np.clip(command.swing, entered.swing - STEER_DEG, entered.swing + STEER_DEG)),
+        angle=float(np.clip(command.angle, entered.angle - most, entered.angle + most)),
+        swing=float(np.clip(command.swing, entered.swing - most, entered.swing + most)),
     )

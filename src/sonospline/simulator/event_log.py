@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ..contact.events import Held
 from ..mechanics.bone_stop import Blocked
 from .logged_event import Log, LoggedEvent
 
@@ -14,7 +15,7 @@ _LONGEST = 100
 
 
 def logged(log: Log, events: Iterable[object], depth: float) -> Log:
-    """Return a log with what has happened at a depth; that a needle rests on bone is a state and no event.
+    """Return a log with what has happened at a depth; that bone or tissue holds a needle is a state and none.
 
     Examples
     --------
@@ -24,7 +25,7 @@ def logged(log: Log, events: Iterable[object], depth: float) -> Log:
     (LoggedEvent(1, 'touched "rib 11"', 31.25 mm),)
     """
     for event in events:
-        if not isinstance(event, Blocked):
+        if not isinstance(event, Blocked | Held):
             number = log[-1].number + 1 if log else 1
             log = (*log, LoggedEvent(number, " ".join(str(event).split())[:_LONGEST], depth))
     return log[-KEPT:]

@@ -1,23 +1,18 @@
-"""A scene's tissue as breathing moves it, and what a needle does to it, one after the other."""
+"""A scene's tissue as breathing moves it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from ..elasticity.background import Background, undeformed
+from ..elasticity.background import Background
 from ..elasticity.solver import ElasticSolver
-from ..fields.carried_field import CarriedField
 from ..fields.grid_field import GridField
-from ..geometry.needle import Needle
 from ..mechanics.breathing import EXCURSION_MM, Breathing
 from .scene import Scene
 from .scene_file import BreathingPart
 from .scene_motion import scene_motion
-
-Needles = Mapping[str, Needle]
 
 
 class MovingTissue:
@@ -52,27 +47,3 @@ def breathing_of(part: BreathingPart) -> Breathing:
     """Return how a scene's patient breathes: as published, with breaths as deep as its file has them."""
     deep = replace(EXCURSION_MM, **{name: part.depth * value for name, value in vars(EXCURSION_MM).items()})
     return Breathing(excursion_mm=deep, seed=part.seed)
-
-
-def both(first: GridField | None, second: GridField | None) -> GridField | None:
-    """Return the sum of two displacements of undeformed tissue, on the same grid."""
-    if first is None or second is None:
-        return second if first is None else first
-    return GridField(first.grid, first.values + second.values)
-
-
-def needles_at_rest(background: GridField | None, needles: Needles) -> Needles:
-    """Return needles as undeformed tissue has them; those that are where no tissue is are left out."""
-    if background is None:
-        return needles
-    found = {name: undeformed(background, needle) for name, needle in needles.items()}
-    return {name: needle for name, needle in found.items() if needle is not None}
-
-
-def composed(by_needles: GridField, background: GridField | None) -> GridField:
-    """Return where tissue is: first the needles' displacement, then the background's."""
-    if background is None:
-        return by_needles
-    if not by_needles.values.any():
-        return background
-    return GridField(by_needles.grid, CarriedField(by_needles, background).on_grid())

@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # the server listens before what computes is loaded
     from ..geometry.needle import Needle
     from ..models.contract import NeedleForce
 
-Blocked = Literal["end of needle", "leaves the tissue", "needle inside", "bone"]
+Blocked = Literal["end of needle", "leaves the tissue", "needle inside", "bone", "held"]
 """Why a needle is not where it was asked to be."""
 
 

@@ -12,21 +12,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
 from .._shown import shown
-from ..contact.events import Touched
+from ..contact.events import Held, Touched
+from ..contact.turning import between, is_along
+from ..elasticity.carried import both, composed, needles_at_rest
 from ..elasticity.pressed_tissue import PressedTissue
 from ..elasticity.solver import ElasticSolver
 from ..fields.carried_field import CarriedField
+from ..fields.fold_check import folds
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
 from ..mechanics.bone_stop import Blocked, stopped
+from ..mechanics.breath import Breath
 from ..models import registry
 from ..models.contract import Response, TissueModel
 from ..models.insertion import NEEDLE
-from .breath import Breath
 from .command import ImageSettings
-from .fold_check import folds
 from .imaging import Imager, out_of_plane, tuned
-from .moving_tissue import MovingTissue, both, composed, needles_at_rest
+from .moving_tissue import MovingTissue
 from .poses import Needles, Poses, same
 from .readouts import HubForce, Readouts
 from .scene import Scene
@@ -132,8 +134,8 @@ class Session:
     ) -> SimulatedFrame:
         """Bring the tissue to needles at their poses, some time later, and return the picture of it.
 
-        What is not given stays as it is. A needle that meets bone ends there, whatever the model knows of bone: the
-        frame's events say so.
+        What is not given stays as it is. A needle that meets bone ends there, whatever the model knows of bone, and one
+        that leaves a track turns as far as tissue holds it not: the frame's events say so.
 
         Parameters
         ----------
@@ -166,7 +168,9 @@ class Session:
         began = time.perf_counter()
         breath = self._breath(poses.tissue, now)
         moving = self._without_needles(poses, breath, now)
-        undeformed = needles_at_rest(moving.field, poses.needles)
+        needles, held = self._turned(poses, moving)
+        poses = poses._replace(needles=needles)
+        undeformed = needles_at_rest(moving.field, needles)
         answer = self._answer(undeformed, poses.tissue, dt)
         field = composed(answer.field, moving.field)
         answered = time.perf_counter()
@@ -178,8 +182,9 @@ class Session:
             number=number, time_s=now, dt=dt, image=image, probe=imager.probe,
             probe_to_reference=imager.probe_to_reference,
             settings=poses.settings, tissue=poses.tissue, needles=poses.needles, undeformed=undeformed,
-            model=self.model, response=answer.response, events=_events(rests, answer.response, last), field=field,
-            by_needles=answer.field, breath=breath, target=self.target, target_rest=rest, target_now=rest + moved,
+            model=self.model, response=answer.response, events=(*held, *_events(rests, answer.response, last)),
+            field=field, by_needles=answer.field, breath=breath,
+            target=self.target, target_rest=rest, target_now=rest + moved,
             readouts=self._readouts(poses.needle, rest + moved, moved, imager, answer, moving),
             step_ms=1e3 * (answered - began), render_ms=1e3 * (rendered - answered),
         )  # fmt: skip
@@ -269,6 +274,24 @@ class Session:
             return _Answer(None, self.rest, folds=False)
         field = GridField.of(response.field)
         return _Answer(response, field, any(folds(field, needle) for needle in needles.values()))
+
+    def _turned(self, poses: Poses, moving: _Moving) -> tuple[Needles, tuple[Held, ...]]:
+        """Needles that turn as far as the tissue beside their tracks lets them, and what holds the others."""
+        last, kind, found, events = self.last, self._kind(self.model, poses.tissue), dict(poses.needles), []
+        goes_on = last is not None and self._kind(last.model, last.tissue) == kind
+        if last is None or last.response is None or not goes_on or kind.contact == "pose":
+            return found, ()
+        model, state = self._model(kind), last.response.state
+        for name, asked in poses.needles.items():
+            before = last.needles.get(name)
+            if before is None or is_along(before, asked):
+                continue
+            ends = needles_at_rest(moving.field, {"before": before, "asked": asked})
+            held = model.held(state, name, ends["before"], ends["asked"]) if len(ends) == 2 else None
+            if held is not None:
+                found[name] = between(before, asked, held.share)
+                events.append(held)
+        return found, tuple(events)
 
     def _kind(self, name: str, tissue: TissueSettings) -> _Kind:
         return _Kind(name, tissue.contact, tissue.relaxation) if knows_time(name) else _Kind(name, "pose", "none")

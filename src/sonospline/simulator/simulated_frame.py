@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
+from ..mechanics.breath import Breath
 from ..models.contract import NeedleForce, Response
 from ..ultrasound.frame import Frame
 from ..ultrasound.probe import Probe
-from .breath import Breath
 from .command import ImageSettings
 from .imaging import out_of_plane
 from .readouts import Readouts

@@ -4,10 +4,10 @@ from typing import Annotated, Literal, get_args
 
 from .._shown import shown
 from ..io.records import FieldError, Record, about
+from ..mechanics.breath import BreathingAsked
 
 Contact = Literal["pose", "track"]
 Relaxation = Literal["none", "tissue"]
-BreathingAsked = Literal["none", "free", "held"]
 ProbeAsked = Literal["looks", "presses"]
 _WORDS = {"contact": Contact, "relaxation": Relaxation, "breathing": BreathingAsked, "probe": ProbeAsked}
 NO_TRACK = "= 'tissue' is for needles that leave a track; give contact = 'track', too"

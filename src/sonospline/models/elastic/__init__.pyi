@@ -1,3 +1,3 @@
 from .insertion import ElasticInsertion as ElasticInsertion
 from .model import ElasticModel as ElasticModel
-from .model import ElasticTissueState as ElasticTissueState
+from .tissue_state import ElasticTissueState as ElasticTissueState

@@ -9,13 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...contact.events import Held
 from ...contact.laying import begun
 from ...contact.medium import Medium
 from ...contact.motion import Answer, Motion
 from ...contact.push import Push
 from ...contact.track import Track
+from ...contact.turning import held
 from ...elasticity.relaxing import RelaxingSolver
-from ...elasticity.state import NotConvergedError, RelaxingState
+from ...elasticity.state import ElasticState, NotConvergedError, RelaxingState
 from ...geometry.needle import Needle
 from ...mechanics.loads import MILLI
 from ..contract import NeedleForce
@@ -124,6 +126,12 @@ class NeedlesInTime:
         count = max(1, int(np.ceil(longest / (_WIDTHS * self.medium.width))))
         parts = {name: motion.parts(count) for name, motion in motions.items()}
         return [{name: of_needle[part] for name, of_needle in parts.items()} for part in range(count)]
+
+    def held(self, name: str, track: Track | None, now: ElasticState, start: Needle, end: Needle) -> Held | None:
+        """Return what keeps a needle from turning from one pose to another."""
+        if track is None or not self.grip or np.linalg.norm(end.entry - start.entry) > ANEW_MM:
+            return None
+        return held(self.medium, name, track, now.displacement, start, end)
 
     def forces(self, tracks: Mapping[str, Track], needles: Mapping[str, Needle]) -> Single:
         """Return the forces (3, nx, ny, nz) of all needles on the solver's nodes."""

@@ -11,7 +11,8 @@ from ...mechanics.loads import Load
 from ...mechanics.material import Material
 from ...mechanics.tissue_map import TissueMap
 from ..insertion import NeedleInsertion
-from .model import ElasticModel, ElasticTissueState
+from .model import ElasticModel
+from .tissue_state import ElasticTissueState
 
 
 class ElasticInsertion(NeedleInsertion):

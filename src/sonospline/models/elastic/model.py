@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import _validate
+from ...contact.events import Held
 from ...contact.freezing import frozen
 from ...contact.frozen_contact import FrozenContact
 from ...contact.medium import REUSE, Medium
-from ...contact.track import Track
 from ...elasticity.checks import check_force, check_material
 from ...elasticity.relaxing import RelaxingSolver
 from ...elasticity.solver import SETTLED, ElasticSolver
-from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError, RelaxingState
+from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
 from ...geometry.needle import Needle
@@ -30,12 +30,12 @@ from ...mechanics.loads import MILLI, NEEDLE_RADIUS_MM, PROCESS_ZONE_MM, LineLoa
 from ...mechanics.material import Material
 from ...mechanics.needle_loads import LOAD_AT, SMALL, Loading, NeedleLoads
 from ...mechanics.relaxation import PronySeries
-from ...mechanics.shaft import Shaft
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
-from .able import ABLE
+from .able import ABLE, CONTACTS, RELAXATIONS
 from .grid_error import GridError, grid_error
 from .in_time import NeedlesInTime, force_of
+from .tissue_state import ElasticTissueState
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -50,30 +50,8 @@ _MOST_LOOKS = 12
 """Times that the tissue a resting needle loads is looked for: where two tissues meet there may be no end to it."""
 _STILL = 5e-5
 """Error of a field and of the forces of tracks together from which on they stay."""
-RELAXATIONS = ("none", "tissue")
-"""Whether tissue is elastic, or relaxes as its materials say."""
-CONTACTS = ("pose", "track")
-"""Whether the forces of a needle are those of its pose, or follow from the track that it has left in the tissue."""
 _MOST_ROUNDS = 20
 """Of a load that follows the tissue it moves, until both stay."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ElasticTissueState(State):
-    """The needles, the displacement so far, and the tissue that its load acts on."""
-
-    solution: ElasticState = field(kw_only=True)
-    shafts: tuple[tuple[str, Shaft], ...] = field(default=(), kw_only=True)
-    """Of each needle that loads tissue which has moved."""
-    beside: float = field(default=0.0, kw_only=True)
-    """Error of the displacement, relative, because loads act beside the tissue that their needles are in."""
-
-    tracks: tuple[tuple[str, Track], ...] = field(default=(), kw_only=True)
-    """Of each needle that remembers."""
-    tissue: RelaxingState | None = field(default=None, kw_only=True)
-    """What tissue remembers, with the same solution; where needles have tracks."""
-    looks: int = field(default=0, kw_only=True)
-    """Times that the tissue which the needles load was looked for since they came to rest; of tracks one at most."""
 
 
 class ElasticModel(TissueModel):
@@ -259,6 +237,12 @@ class ElasticModel(TissueModel):
         forces = {name: force_of(track, dict(state.needles)[name]) for name, track in state.tracks}
         return replace(self._response(state, forces), events=events)
 
+    def held(self, state: State, name: str, start: Needle, end: Needle) -> Held | None:
+        """Return what keeps a needle of a state from turning from one pose to another; None where nothing does."""
+        own = self._own(state)
+        track = dict(own.tracks).get(name)
+        return None if self._in_time is None else self._in_time.held(name, track, own.solution, start, end)
+
     def settle(self, response: Response, *, tolerance: float = 5e-3) -> Response:
         """Return a response of the same pose whose error estimate is at most ``tolerance``, its load on the needle.
 
@@ -269,9 +253,7 @@ class ElasticModel(TissueModel):
         NotConvergedError
             It does not get there.
         """
-        state = response.state
-        self._check_state(state)
-        assert isinstance(state, ElasticTissueState)
+        state = self._own(response.state)
         if self._in_time is not None:
             return self._at_rest(self._in_time, response, tolerance)
         needles, solution = dict(state.needles), self.solver.settle(state.solution, tolerance=tolerance)
@@ -318,9 +300,7 @@ class ElasticModel(TissueModel):
         ValueError
             A response of another model, a needle that is not in it, or needles that leave no track.
         """
-        state = response.state
-        self._check_state(state)
-        assert isinstance(state, ElasticTissueState)
+        state = self._own(response.state)
         if self._in_time is None:
             raise ValueError("contact = 'pose' leaves nothing that holds a needle; make the model with contact='track'")
         name, tracks = _validate.choice("needle", needle, dict(state.tracks)), dict(state.tracks)
@@ -336,9 +316,8 @@ class ElasticModel(TissueModel):
         NotConvergedError
             The coarser grid's field was not found.
         """
-        state = response.state
-        self._check_state(state)
-        assert isinstance(state, ElasticTissueState) and isinstance(response.field, GridField)
+        state = self._own(response.state)
+        assert isinstance(response.field, GridField)
         if not state.needles:
             return GridError(0.0, 0.0)
         if self._coarser is None:
@@ -388,6 +367,12 @@ class ElasticModel(TissueModel):
             error_estimate=error,
             settled=self._rests(state),
         )
+
+    def _own(self, state: State) -> ElasticTissueState:
+        """A state, checked to be of this model."""
+        self._check_state(state)
+        assert isinstance(state, ElasticTissueState)
+        return state
 
     def _rests(self, state: ElasticTissueState) -> bool:
         """Whether further steps at the same poses change nothing to speak of."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
-from ..mechanics.breathing import Breathing
-from .tissue_settings import BreathingAsked
+from .breathing import Breathing
+
+BreathingAsked = Literal["none", "free", "held"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class Breath:
     Examples
     --------
     >>> from sonospline.mechanics import Breathing, Spread
-    >>> from sonospline.simulator.breath import Breath
+    >>> from sonospline.mechanics.breath import Breath
     >>> breath = Breath(Breathing(Spread(15, 0, 15, 15), Spread(17, 0, 17, 17)), began_s=10.0)  # a breath is 4 s long
     >>> [round(breath.excursion_mm(t), 1) for t in (10.0, 11.0, 12.0)]
     [0.0, 4.2, 17.0]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fields.grid_field import GridField
 from ..geometry.needle import Needle
+from .grid_field import GridField
 
 _REACH_CELLS = 2
 
