@@ -19,7 +19,10 @@ from typing import Any, NoReturn
 
 from . import _terminal
 
-VERBS = ("serve", "link", "insert", "image", "record", "replay", "results", "tune", "reproduce", "bench", "doctor")
+VERBS = (
+    "serve", "link", "slicer-scene", "insert", "image", "record", "replay", "results", "tune", "reproduce", "bench",
+    "doctor",
+)  # fmt: skip
 
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 _NEGATIVE = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
@@ -37,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     args = None
     try:
-        verbs = {name: import_module(f".commands.{name}", __package__) for name in _needed(arguments)}
+        verbs = {name: import_module(f".commands.{name.replace('-', '_')}", __package__) for name in _needed(arguments)}
         args = _parser(verbs).parse_args(arguments)
         logging.basicConfig(level=logging.WARNING, format="sonospline: %(message)s", stream=sys.stderr)
         report = verbs[args.verb].run(args)

@@ -47,6 +47,8 @@ def _anterior_needle(volume: Volume) -> Needle:
 
 def _world(name: str, text: str, frame: str, volume: Volume) -> Array:
     point = _points.parse(name, text)
+    if _points.is_markups(text):
+        return point
     if frame == "IJK":
         return volume.position(point[None])[0]
     return RAS_TO_LPS @ point if frame == "LPS" else point

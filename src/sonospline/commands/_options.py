@@ -8,8 +8,10 @@ from typing import Any
 
 def add_path(group: Any, units: str = "RAS mm") -> None:
     """Declare where a needle goes."""
-    group.add_argument("--entry", metavar="X,Y,Z", help=f"where the needle enters the tissue ({units})")
-    group.add_argument("--target", metavar="X,Y,Z", help="where its tip ends")
+    group.add_argument(
+        "--entry", metavar="X,Y,Z|FILE", help=f"where the needle enters the tissue ({units}), or markups (.mrk.json)"
+    )
+    group.add_argument("--target", metavar="X,Y,Z|FILE", help="where its tip ends")
 
 
 def add_nodes(group: Any) -> None:

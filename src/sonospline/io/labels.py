@@ -10,8 +10,9 @@ from pathlib import Path
 
 from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
 from ..geometry.volume import Volume
+from .segmentation import SUFFIX, names_segments, segmentation_of
 from .tables import read_names
-from .volumes import read_volume, suffix_of
+from .volumes import read_image, read_volume, suffix_of
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +32,8 @@ def read_labels(
         anything that is within 1e-3 of one once the file's scale is applied.
     names : path-like or mapping of int to str, optional
         A CSV with the columns ``label`` and ``name``, or the names themselves; by default the file beside the
-        image with its name and ``.csv`` for its suffix, where there is one.
+        image with its name and ``.csv`` for its suffix, where there is one, else the segments of a ``.seg.nrrd``,
+        whose layers become one label map: where segments overlap, the later one is there.
     largest : int, default: 65535
         Largest label allowed.
 
@@ -55,8 +57,37 @@ def read_labels(
     ...     ss.read_labels(folder + "/organs.nrrd").names
     {5: 'liver'}
     """
-    labels = LabelMap.of(read_volume(path, name="labels"), name=f"labels = {str(path)!r}", largest=largest)
+    where = f"labels = {str(path)!r}"
+    if names is None and is_segmentation(path) and not names_beside(path).is_file():
+        found = segments_of(path)
+        if found is not None:
+            return LabelMap.of(found, name=where, largest=largest).named(found.names)
+    labels = LabelMap.of(read_volume(path, name="labels"), name=where, largest=largest)
     return labels.named(_names_beside(Path(path)) if names is None else _given(names))
+
+
+def is_segmentation(path: str | PathLike[str]) -> bool:
+    """Return whether a file is a segmentation of 3D Slicer by its name."""
+    return str(path).lower().endswith(SUFFIX)
+
+
+def segments_of(path: str | PathLike[str]) -> LabelMap | None:
+    """Return the segments of a segmentation as one label map; None where it names none, as a mere label map."""
+    image = read_image(Path(path), "labels")
+    return segmentation_of(image, f"labels = {str(path)!r}").labels() if names_segments(image) else None
+
+
+def names_for(labels: LabelMap, path: str | PathLike[str], named: str | PathLike[str] | None) -> dict[int, str]:
+    """Return the names of a label map that was read from a file: those given, beside it, or of its segments.
+
+    Raises
+    ------
+    ValueError
+        There are none.
+    """
+    if named is None and is_segmentation(path) and labels.names:
+        return dict(labels.names)
+    return read_names(names_of(path, named), "label names")
 
 
 def _given(names: str | PathLike[str] | Mapping[int, str]) -> Mapping[int, str]:
@@ -121,5 +152,5 @@ def names_of(path: str | PathLike[str], named: str | PathLike[str] | None) -> Pa
     beside = names_beside(path)
     if beside.exists():
         return beside
-    inside = " (the segment names in a .seg.nrrd are not read)" if str(path).lower().endswith(".seg.nrrd") else ""
+    inside = " (it names no segments)" if is_segmentation(path) else ""
     raise ValueError(f"labels = {str(path)!r} has no {beside.name} beside it; give the names of its labels{inside}")

@@ -18,4 +18,5 @@ from .scanner import Scanner as Scanner
 from .scanner_names import CoordinateDefinition as CoordinateDefinition
 from .scanner_names import ScannerNames as ScannerNames
 from .scanner_names import TrackerDevice as TrackerDevice
+from .slicer_scene import slicer_scene as slicer_scene
 from .udp_device import UdpDevice as UdpDevice

@@ -18,12 +18,12 @@ from ..geometry.label_map import LabelMap
 from ..geometry.needle import Needle
 from ..geometry.volume import Volume
 from ..geometry.voxels_along import voxels_along
-from ..io.labels import labels_named, names_of, read_labels
+from ..io.labels import labels_named, names_for, read_labels
 from .cell_samples import NO_BACKGROUND, CellSamples
 from .fragments import fragments_of
 from .layers import layers_of
 from .material import Material
-from .material_table import BACKGROUND, Materials, MaterialTable, read_label_names
+from .material_table import BACKGROUND, Materials, MaterialTable
 from .membranes import Membrane
 from .mixture import mixing_shares
 from .moduli import Moduli, check_ratio
@@ -110,7 +110,7 @@ class TissueMap:
         """
         found = read_labels(labels)
         by_name = MaterialTable.assumed() if materials is None else MaterialTable.read(materials)
-        by_label = read_label_names(names_of(labels, names))
+        by_label = {0: BACKGROUND, **names_for(found, labels, names)}
         with labels_named(labels):
             return cls.named(found, by_label, by_name)
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..geometry.grid import Grid
 from ..geometry.volume import Volume
-from ..io.labels import labels_named, names_of, read_labels, warn_of_labels
+from ..io.labels import labels_named, names_for, read_labels, warn_of_labels
 from ..io.volumes import read_volume
-from ..mechanics.material_table import MaterialTable, read_label_names
+from ..mechanics.material_table import BACKGROUND, MaterialTable
 from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
 from ..ultrasound.artefacts import Artefacts
@@ -100,7 +100,7 @@ def _labels(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
     path = _needed_file(spec, folder)
     labels = read_labels(path, largest=LARGEST_ORGAN)
     progress(0.1)
-    names = read_label_names(names_of(path, _file(spec, folder, "names")))
+    names = {0: BACKGROUND, **names_for(labels, path, _file(spec, folder, "names"))}
     ct = None if (file := _file(spec, folder, "ct")) is None else read_volume(file, name="ct")
     materials = _materials(spec, folder)
     with labels_named(path):

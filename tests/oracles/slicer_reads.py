@@ -1,0 +1,111 @@
+"""What 3D Slicer's own core makes of files: run by a Python that has slicer-core and trame-slicer; prints JSON."""
+
+import json
+import re
+import sys
+import tempfile
+
+import slicer
+import vtk
+from trame_slicer.core import SlicerApp
+
+app = SlicerApp()
+scene = app.scene
+messages = vtk.vtkStringOutputWindow()
+vtk.vtkOutputWindow.SetInstance(messages)
+
+
+def rows(matrix):
+    return [[matrix.GetElement(i, j) for j in range(4)] for i in range(4)]
+
+
+def described(node):
+    """What a node is, and where in the world."""
+    found = {"class": node.GetClassName(), "name": node.GetName()}
+    if node.IsA("vtkMRMLTransformableNode"):
+        matrix = vtk.vtkMatrix4x4()
+        slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(node.GetParentTransformNode(), None, matrix)
+        found["parent_to_world"] = rows(matrix)
+    if node.IsA("vtkMRMLLinearTransformNode"):
+        node.GetMatrixTransformToWorld(matrix)
+        found["to_world"] = rows(matrix)
+    if node.IsA("vtkMRMLModelNode") and node.GetPolyData():
+        points = node.GetPolyData().GetPoints()
+        found |= {"points": points.GetNumberOfPoints(), "cells": node.GetPolyData().GetNumberOfCells(),
+                  "first": points.GetPoint(0), "last": points.GetPoint(points.GetNumberOfPoints() - 1)}  # fmt: skip
+    if node.IsA("vtkMRMLScalarVolumeNode") and node.GetImageData():
+        node.GetIJKToRASMatrix(matrix)
+        data = node.GetImageData()
+        found |= {"ijk_to_ras": rows(matrix), "size": data.GetDimensions(), "range": data.GetScalarRange()}
+    if node.IsA("vtkMRMLMarkupsNode"):
+        place, points = [0.0] * 3, []
+        for number in range(node.GetNumberOfControlPoints()):
+            node.GetNthControlPointPositionWorld(number, place)
+            points.append([node.GetNthControlPointLabel(number), list(place)])
+        found["points"] = points
+    if node.IsA("vtkMRMLSegmentationNode"):
+        found["segments"] = [segment_of(node, number) for number in range(node.GetSegmentation().GetNumberOfSegments())]
+    if node.IsA("vtkMRMLSliceCompositeNode"):
+        found["background"] = scene.GetNodeByID(node.GetBackgroundVolumeID()).GetName()
+    if node.GetAttributeNames():
+        found["attributes"] = {name: node.GetAttribute(name) for name in node.GetAttributeNames()}
+    return found
+
+
+def segment_of(node, number):
+    segment = node.GetSegmentation().GetNthSegment(number)
+    labels = slicer.vtkOrientedImageData()
+    node.GetBinaryLabelmapRepresentation(node.GetSegmentation().GetNthSegmentID(number), labels)
+    tag = vtk.mutable("")
+    segment.GetTag("TerminologyEntry", tag)
+    histogram = vtk.vtkImageAccumulate()
+    histogram.SetInputData(labels)
+    histogram.IgnoreZeroOn()
+    histogram.Update()
+    return {"name": segment.GetName(), "voxels": histogram.GetVoxelCount(), "terminology": str(tag),
+            "label": segment.GetLabelValue()}  # fmt: skip
+
+
+def load(path):
+    if path.endswith(".mrb"):
+        said = slicer.vtkMRMLMessageCollection()
+        scene.ReadFromMRB(path, True, said)
+        errors = [text for text in re.split(r"^- ", said.GetAllMessagesAsString(), flags=re.MULTILINE) if text.strip()]
+        unknown.extend(re.findall(r"Failed to CreateNodeByClass: (\w+)", said.GetAllMessagesAsString()))
+        return len(errors) == len(unknown)
+    kinds = {".seg.nrrd": ("vtkMRMLSegmentationNode", "vtkMRMLSegmentationStorageNode"),
+             ".mrk.json": ("vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsJsonStorageNode"),
+             ".h5": ("vtkMRMLTransformNode", "vtkMRMLTransformStorageNode"),
+             ".nrrd": ("vtkMRMLScalarVolumeNode", "vtkMRMLVolumeArchetypeStorageNode")}  # fmt: skip
+    kind, storage = next(value for suffix, value in kinds.items() if path.endswith(suffix))
+    node, store = scene.AddNewNodeByClass(kind), scene.AddNewNodeByClass(storage)
+    store.SetFileName(path)
+    return store.ReadData(node)
+
+
+def warped(point):
+    """Where a volume's transform takes a point: what hardening would do."""
+    node = scene.GetFirstNodeByClass("vtkMRMLTransformNode")
+    return list(node.GetTransformToParent().TransformPoint(point))
+
+
+unknown = []
+"""Classes of nodes that only extensions know."""
+order = json.load(sys.stdin)
+loaded = [int(load(path)) for path in order["load"]]
+nodes = [scene.GetNthNode(number) for number in range(scene.GetNumberOfNodes())]
+answer = {
+    "loaded": loaded,
+    "nodes": [described(node) for node in nodes],
+    "messages": messages.GetOutput(),
+    "unknown": unknown,
+}
+if "warp" in order:
+    answer["warped"] = [warped(point) for point in order["warp"]]
+if "save" in order:  # a segmentation as 3D Slicer itself writes it
+    store = scene.GetFirstNodeByClass("vtkMRMLSegmentationStorageNode")
+    store.SetFileName(order["save"])
+    answer["saved"] = store.WriteData(scene.GetFirstNodeByClass("vtkMRMLSegmentationNode"))
+with tempfile.NamedTemporaryFile("w", suffix=".json", delete=False) as file:
+    json.dump(answer, file)
+sys.stdout.write(f"{file.name}\n")
