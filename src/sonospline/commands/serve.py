@@ -32,8 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--scene", metavar="NAME|FILE", help="kidney, gel, cube, or a scene file (.toml)")
     what.add_argument("--labels", type=Path, metavar="FILE", help="a label map of your own")
     what.add_argument("--names", type=Path, metavar="CSV", help="names of its labels (beside it, .csv)")
+    what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, in which the skin is found")
     what.add_argument("--volume", type=Path, metavar="FILE", help="a real 3-D image of your own, to be cut")
-    what.add_argument("--entry-face", metavar="FACE", help="its free face, lattice axis and side (y+)")
+    what.add_argument("--entry-face", metavar="FACE", help="its free face, lattice axis and side; the best one")
     where = parser.add_argument_group("server")
     where.add_argument("--port", type=int, default=8765, help="port (8765; 0 for any free one)")
     where.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine alone)")
@@ -133,8 +134,12 @@ def _catalog(args: argparse.Namespace) -> Any:
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]
     if len(given) > 1:
         raise ValueError(f"--{given[0]} and --{given[1]} were both given; give the one to show")
-    for name in ("names", "entry_face"):
-        if getattr(args, name) is not None and "labels" not in given and (name == "names" or "volume" not in given):
+    for name in ("names", "ct", "entry_face"):
+        if (
+            getattr(args, name) is not None
+            and "labels" not in given
+            and (name != "entry_face" or "volume" not in given)
+        ):
             raise ValueError(f"--{name.replace('_', '-')} belongs to --labels or --volume; a scene file says it itself")
     if args.labels is not None or args.volume is not None:
         path = args.labels or args.volume
@@ -149,13 +154,13 @@ def _catalog(args: argparse.Namespace) -> Any:
 
 def _own(args: argparse.Namespace, path: Path) -> Any:
     """The scene of a bare label map or image."""
+    from ..geometry.grid import FACES
     from ..io.files import regular_file
-    from ..io.records import read
-    from ..simulator.scene_file import SceneFile
+    from ..server.own_scene import own_scene
 
     regular_file(path, "--labels" if args.labels else "--volume", "the path of an image file")
-    tissue: dict[str, Any] = {"source": "labels" if args.labels else "volume", "file": path.name}
-    tissue["entry_face"] = args.entry_face or "y+"
-    if args.names is not None:
-        tissue["names"] = str(args.names.resolve())
-    return read(SceneFile, {"name": path.name, "tissue": tissue})
+    if args.entry_face is not None and args.entry_face not in FACES:
+        raise ValueError(f"--entry-face = {args.entry_face!r} is none; give one of {', '.join(FACES)}")
+    scene = own_scene(path, labelled=args.labels is not None, names=args.names, ct=args.ct, face=args.entry_face)
+    sys.stderr.write(f"{path.name}: {scene.description}\n")
+    return scene

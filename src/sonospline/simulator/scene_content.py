@@ -104,7 +104,9 @@ def _labels(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
     ct = None if (file := _file(spec, folder, "ct")) is None else read_volume(file, name="ct")
     materials = _materials(spec, folder)
     with labels_named(path):
-        phantom = phantom_from_organs(labels, {n: name for n, name in names.items() if n}, ct=ct)
+        phantom = phantom_from_organs(
+            labels, {n: name for n, name in names.items() if n}, ct=ct, between=spec.tissue.between
+        )
         tissues = TissueMap.named(labels, names, materials)
     progress(0.6)
     grid = _box(spec, labels)

@@ -19,6 +19,7 @@ from .tissue_settings import NO_TRACK
 T = TypeVar("T")
 Triple = tuple[float, float, float]
 Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
+Between = Literal["soft tissue", "fat"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 if TYPE_CHECKING:
     Look: TypeAlias = str
@@ -37,6 +38,7 @@ class TissuePart(Record, frozen=True, kw_only=True):
     file: Annotated[Text, about("label map or image, seen from the scene file")] | None = None
     names: Annotated[Text, about("CSV of label, name; by default the .csv beside the label map")] | None = None
     ct: Annotated[Text, about("CT of the same patient, for voxels without a label")] | None = None
+    between: Annotated[Between, about("what lies between organs in the image, without a CT")] = "soft tissue"
     materials: Annotated[Text, about("TOML of materials by name; others are the assumed ones")] | None = None
     stiffness_kpa: Annotated[float, about("Young's modulus where there are no labels", low=1e-3, high=1e6)] = 10.0
     stiffening_mj_cm2: (

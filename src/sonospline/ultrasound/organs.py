@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _validate
 from .._shown import shown
 from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
@@ -101,6 +102,7 @@ def phantom_from_organs(
     names: Mapping[int, str] | None = None,
     *,
     ct: Volume | None = None,
+    between: str = "soft tissue",
     spacing_mm: float | None = 1.0,
 ) -> Phantom:
     """Return a phantom from organ labels, finer than they are.
@@ -115,6 +117,8 @@ def phantom_from_organs(
         CT of the same patient: tells fat, soft tissue and air apart where there is no label. On another
         lattice than the labels, its nearest voxel is taken, and air where it ends. Without it, unlabelled
         voxels are soft tissue.
+    between : {"soft tissue", "fat"}
+        What lies between organs, where there is no CT: in fat their capsules are seen.
     spacing_mm : float, optional
         Lattice to refine to; None keeps the labels' own.
 
@@ -129,7 +133,9 @@ def phantom_from_organs(
     voxels = labels.voxels.astype(np.uint8)
     unlabelled = voxels == 0
     if ct is None:
-        voxels[unlabelled] = _SOFT
+        voxels[unlabelled] = {"soft tissue": _SOFT, "fat": _FAT}[
+            _validate.choice("between", between, ("soft tissue", "fat"))
+        ]
     else:
         hu = _hounsfield(ct, labels)
         voxels[unlabelled & (hu > _FAT_HU)] = _SOFT
