@@ -17,6 +17,8 @@ from .database import Database
 from .schema import LONGEST_CODE, LONGEST_NAME, schema
 from .standing import Standing
 
+_SHOWN = ("final_error_mm", "blind_advance_mm")
+"""Metrics of a standing."""
 _CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
@@ -130,11 +132,11 @@ class ResultStore:
             query = query.where(tables.groups.c.name == group)
         with self._database.reading() as connection:
             rows = connection.execute(query.order_by(last.c.id.desc())).all()
-            known = self._metrics_of(connection, [row[-1] for row in rows])
+            known = self._metrics_of(connection, [row[-1] for row in rows], of=_SHOWN)
         return [
             Standing(
                 code, group, exercise, attempts, passed, began.replace(tzinfo=UTC), last_passed, verdict,
-                known.get((number, "final_error_mm")), known.get((number, "blind_advance_mm")),
+                *(known.get((number, name)) for name in _SHOWN),
             )
             for code, group, exercise, attempts, passed, began, last_passed, verdict, number in rows
         ]  # fmt: skip
@@ -230,10 +232,14 @@ class ResultStore:
             connection.execute(tables.metrics.insert(), values)
         return number
 
-    def _metrics_of(self, connection: Any, attempts: list[int] | None) -> dict[tuple[int, str], float]:
+    def _metrics_of(
+        self, connection: Any, attempts: list[int] | None, *, of: Iterable[str] | None = None
+    ) -> dict[tuple[int, str], float]:
         """Metrics of some attempts, or of all, by attempt and name."""
         table = self._tables.metrics
         query = self._sql.select(table.c.attempt_id, table.c.name, table.c.value)
+        if of is not None:
+            query = query.where(table.c.name.in_(of))
         if attempts is None:
             return {(attempt, name): value for attempt, name, value in connection.execute(query)}
         found = {}
