@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 
@@ -106,11 +107,13 @@ def encode(message: Message, version: int = 1) -> bytes:
     """
     if version not in VERSIONS:
         raise ValueError(f"version = {shown(version)} is not known; choose one of {', '.join(map(str, VERSIONS))}")
-    body = message.content.packed()
+    body = message.content.parts()
     if version > 1:
         body = headers.extended(body, message.metadata, message.message_id)
-    header = Header(version, message.content.type, message.device, message.stamp, len(body), crc64(body))
-    return header.packed() + body
+    check = reduce(lambda check, part: crc64(part, check), body, 0)
+    size = sum(map(len, body))
+    header = Header(version, message.content.type, message.device, message.stamp, size, check)
+    return b"".join((header.packed(), *body))
 
 
 def decode(data: bytes | memoryview, most: int = MOST_BODY) -> Message:
@@ -167,6 +170,6 @@ def _content(type_: str, reader: Reader) -> Content:
     return known.unpacked(reader) if reader.left or known in _LISTS else Nothing(type_)
 
 
-def crc64(data: bytes | memoryview) -> int:
-    """Return the check of bytes: CRC-64 of ECMA-182."""
-    return int(_core.active.crc64(np.frombuffer(data, np.uint8), 0))
+def crc64(data: bytes | memoryview, before: int = 0) -> int:
+    """Return the check of bytes, after others with a check of their own: CRC-64 of ECMA-182."""
+    return int(_core.active.crc64(np.frombuffer(data, np.uint8), before)) if len(data) else before

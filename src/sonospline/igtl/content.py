@@ -22,6 +22,10 @@ class Content(ByValue):
         """Return its bytes."""
         raise NotImplementedError
 
+    def parts(self) -> tuple[bytes | memoryview, ...]:
+        """Return its bytes in one piece after the other: what is large need not be copied to be put behind a header."""
+        return (self.packed(),)
+
     @classmethod
     def unpacked(cls, reader: Reader) -> Self:
         """Return what bytes hold.

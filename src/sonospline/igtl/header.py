@@ -76,7 +76,11 @@ def check_version(header: Header) -> None:
         raise UnknownVersionError(f"{header.what} has a header of version {header.version}; known are {known}")
 
 
-def extended(content: bytes, metadata: Mapping[str, str], message_id: int) -> bytes:
+Parts = tuple[bytes | memoryview, ...]
+"""Bytes in one piece after the other."""
+
+
+def extended(content: Parts, metadata: Mapping[str, str], message_id: int) -> Parts:
     """Return a body as version 2 has it: the content between an extended header and metadata."""
     heads, texts = [layout("H").pack(whole("entries of metadata", len(metadata), _MOST_ENTRIES))], []
     for key, value in metadata.items():
@@ -84,7 +88,7 @@ def extended(content: bytes, metadata: Mapping[str, str], message_id: int) -> by
         heads.append(layout("HHI").pack(whole("bytes of a key", len(name), 0xFFFF), encoding, len(text)))
         texts.append(name + text)
     front, back = b"".join(heads), b"".join(texts)
-    return b"".join((layout(_EXTENDED).pack(_EXTENDED_SIZE, len(front), len(back), message_id), content, front, back))
+    return (layout(_EXTENDED).pack(_EXTENDED_SIZE, len(front), len(back), message_id), *content, front, back)
 
 
 _MOST_ENTRIES = 8191

@@ -95,12 +95,17 @@ class Image(Content):
 
     def packed(self) -> bytes:
         """Return the header of the image and its voxels, little-endian, whole and in RAS."""
+        return b"".join(self.parts())
+
+    def parts(self) -> tuple[bytes | memoryview, ...]:
+        """Return the header and the voxels."""
         components = self.voxels.shape[3] if self.voxels.ndim == 4 else 1
         header = layout(_LAYOUT).pack(
             _VERSION, components, code_of("voxels", self.voxels.dtype, SCALARS), _LITTLE, _RAS, *self.size,
             *self.axes.T.ravel().tolist(), *self.centre.tolist(), 0, 0, 0, *self.size,
         )  # fmt: skip
-        return header + self.voxels.astype(self.voxels.dtype.newbyteorder("<"), copy=False).tobytes()
+        voxels = self.voxels.astype(self.voxels.dtype.newbyteorder("<"), copy=False)
+        return header, voxels.reshape(-1).view(np.uint8).data
 
     @classmethod
     def unpacked(cls, reader: Reader) -> Self:

@@ -155,7 +155,11 @@ def _flat(name: str, cells: ArrayLike | Sequence[Sequence[int]]) -> Indices:
 
 
 def _indices(name: str, numbers: NDArray[Any]) -> Indices:
-    if any(not isinstance(number, int | np.integer) or not 0 <= number < 1 << 32 for number in numbers.tolist()):
+    if numbers.dtype.kind in "iu":
+        fine = not numbers.size or bool(numbers.min() >= 0 and numbers.max() < 1 << 32)
+    else:
+        fine = all(isinstance(number, int | np.integer) and 0 <= number < 1 << 32 for number in numbers.tolist())
+    if not fine:
         raise ValueError(f"{name} have indices that are no whole numbers from 0 on; give indices of points")
     return numbers.astype(np.uint32)
 

@@ -65,7 +65,7 @@ class Scanner:
         self, session: Session, *, port: int = PORT, host: str = "127.0.0.1", names: ScannerNames | None = None
     ) -> None:
         self.session = session
-        self._lock, self._ending = threading.Lock(), threading.Event()
+        self._lock, self._ending, self._came = threading.Lock(), threading.Event(), threading.Event()
         self._wanted, self._waiting = Wanted(), waiting_pose(session.scene)
         self._actions: list[Callable[[], object]] = []
         self.frames = 0
@@ -77,6 +77,7 @@ class Scanner:
     def close(self) -> None:
         """End it, and hang up on its clients."""
         self._ending.set()
+        self._came.set()
         self._thread.join()
         self.station.close()
 
@@ -127,7 +128,8 @@ class Scanner:
         """Do nothing: frames are made as soon as anybody is there."""
 
     def follow(self, tracking: ToolTracking) -> None:
-        """Do nothing: every step looks where needle and probe are."""
+        """Have the next step begin early, where the last one is half a period old: a hand does not wait."""
+        self._came.set()
 
     def want(self, **changed: Any) -> None:
         """Ask for a pose or settings, from any thread."""
@@ -147,7 +149,10 @@ class Scanner:
     def _run(self) -> None:
         period, before = 1 / self.names.AcquisitionRate, time.monotonic()
         due = before
-        while not self._ending.wait(max(0.0, due - time.monotonic())):
+        while True:
+            self._wait(due, period)
+            if self._ending.is_set():
+                return
             now = time.monotonic()
             due = max(due + period, now)
             dt, before = min(now - before, _LONGEST_DT_S), now
@@ -187,6 +192,12 @@ class Scanner:
     def _load(self, scene: Scene) -> None:
         self.session = Session(scene, model=self.session.model)
         self._wanted, self._waiting = Wanted(), waiting_pose(scene)
+
+    def _wait(self, due: float, period: float) -> None:
+        """Wait until the next step is due, or half of that and a pose has come."""
+        self._ending.wait(max(0.0, due - period / 2 - time.monotonic()))
+        self._came.wait(max(0.0, due - time.monotonic()))
+        self._came.clear()
 
     def _newest(self) -> Wanted:
         tracking = self.station.tracking
