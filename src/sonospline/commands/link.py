@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--names", type=Path, metavar="FILE", help="device names and rate, a TOML file")
     parser.add_argument("--tracker", metavar="HOST:PORT", help="a server of OpenIGTLink whose poses drive it")
     parser.add_argument("--poses", type=Path, metavar="FILE", help="a tracked recording (.igs.mha) that drives it")
+    parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="where clients may record (.igs.mha)")
     parser.add_argument("--json", action="store_true", help="print the port as JSON once it is ready")
 
 
@@ -46,9 +47,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     names = ScannerNames() if args.names is None else ScannerNames.read(args.names)
     if args.tracker is not None:
         names = names.with_tracker(args.tracker)
+    if args.recordings is not None and not args.recordings.is_dir():
+        raise ValueError(f"--recordings = {str(args.recordings)!r} is no folder; give one that is there")
     sequence = None if args.poses is None else read_pose_sequence(args.poses)
     session = Session(args.scene, model=args.model)
-    with Scanner(session, port=args.port, host=args.host, names=names) as scanner:
+    with Scanner(session, port=args.port, host=args.host, names=names, recordings=args.recordings) as scanner:
         if sequence is not None:
             scanner.station.play(sequence, args.poses.name)
         port = scanner.server.port

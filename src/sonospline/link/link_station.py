@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from ..tracking.recorded_hand import RecordedHand
 from .coordinate_frames import CoordinateFrames
 from .frame_messages import OK, messages_of
 from .link_connection import Connection
+from .link_recording import LinkRecording
 from .link_server import LinkServer
 from .mesh_messages import MeshMessages
 from .plus_commands import CommandDesk
@@ -85,9 +87,13 @@ class LinkStation:
     names : ScannerNames
     port, host
         As of :class:`LinkServer`.
+    recordings : Path, optional
+        A folder for what clients have recorded.
     """
 
-    def __init__(self, driven: Driven, names: ScannerNames, *, port: int, host: str) -> None:
+    def __init__(
+        self, driven: Driven, names: ScannerNames, *, port: int, host: str, recordings: Path | None = None
+    ) -> None:
         self.driven, self.names, self.frames = driven, names, CoordinateFrames(names)
         self.tracking = ToolTracking(
             self.frames,
@@ -99,6 +105,7 @@ class LinkStation:
         """The poses sent last, by name."""
         self._meshes: tuple[Scene, MeshMessages] | None = None
         self._lock, self._said = threading.Lock(), -_LINES_APART_S
+        self.recording = LinkRecording(recordings, names.ImageOrientation)
         self._desk = CommandDesk(scanner_actions(self))
         self._scenes = SceneReceiver(self.frames, driven.load, self.warn)
         self.server = LinkServer(port, host=host, receive=self._receive, reads=READS, greet=driven.greet)
@@ -113,6 +120,10 @@ class LinkStation:
         self.transforms = {
             one.device: one.content.matrix.astype(float) for one in messages if isinstance(one.content, igtl.Transform)
         }
+        try:
+            self.recording.add(messages)
+        except (ValueError, OSError) as error:
+            self.warn(f"a frame is not recorded: {error}")
         self.server.publish(*messages, *self._meshes_of(scene).of(frame.field, stamp))
 
     def warn(self, line: str) -> None:
@@ -156,6 +167,7 @@ class LinkStation:
         """Hang up on all clients and trackers."""
         for source in self._sources:
             source.close()
+        self.recording.close()
         self.server.close()
 
     def _meshes_of(self, scene: Scene) -> MeshMessages:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +52,8 @@ class Scanner:
     port, host
         As of :class:`LinkServer`.
     names : ScannerNames, optional
+    recordings : Path, optional
+        A folder for what clients have recorded (StartRecording); without it they are refused.
 
     Examples
     --------
@@ -62,7 +65,13 @@ class Scanner:
     """
 
     def __init__(
-        self, session: Session, *, port: int = PORT, host: str = "127.0.0.1", names: ScannerNames | None = None
+        self,
+        session: Session,
+        *,
+        port: int = PORT,
+        host: str = "127.0.0.1",
+        names: ScannerNames | None = None,
+        recordings: Path | None = None,
     ) -> None:
         self.session = session
         self._lock, self._ending, self._came = threading.Lock(), threading.Event(), threading.Event()
@@ -70,7 +79,9 @@ class Scanner:
         self._actions: list[Callable[[], object]] = []
         self.frames = 0
         """How many were made."""
-        self.station = LinkStation(self, ScannerNames() if names is None else names, port=port, host=host)
+        self.station = LinkStation(
+            self, ScannerNames() if names is None else names, port=port, host=host, recordings=recordings
+        )
         self._thread = threading.Thread(target=self._run, name="scanner", daemon=True)
         self._thread.start()
 

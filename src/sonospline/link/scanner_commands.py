@@ -51,6 +51,14 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         station.tracking.clutch(tool, wanted == "TRUE")
         return Outcome(f"Clutch ({tool}) completed successfully")
 
+    def start_recording(command: PlusCommand) -> Outcome:
+        name = station.recording.start(command.attributes.get("OutputFilename", ""))
+        return Outcome(f"Recording {name} started", {"OutputFilename": name})
+
+    def stop_recording(command: PlusCommand) -> Outcome:
+        name, frames = station.recording.stop()
+        return Outcome(f"Recording {name} successful, {frames} frames", {"OutputFilename": name, "frames": str(frames)})
+
     def get_parameters(command: PlusCommand) -> Outcome:
         values = {name: _shown(station, name) for name in command.parameters}
         return _about(values, {name: value for name, value in values.items() if value is not None}, shows=True)
@@ -70,6 +78,7 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         "RequestDeviceChannelIds": ids(names.OutputChannel), "GetTransform": get_transform,
         "UpdateTransform": update_transform, "GetUsParameter": get_parameters, "SetUsParameter": set_parameters,
         "Version": lambda command: said, "Clutch": clutch,
+        "StartRecording": start_recording, "StopRecording": stop_recording,
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from os import PathLike
 import numpy as np
 
 from .._extras import require
+from ..io.sequence_writer import sequence_header
 from ..io.writing import write_bytes
 from .frame import Frame, as_bytes
 
@@ -27,26 +28,16 @@ def write_sequence(frames: Sequence[Frame], path: str | PathLike[str], *, frame_
     if len({frame.pixels.shape for frame in frames}) > 1:
         raise ValueError("frames differ in shape; a sequence needs one shape")
     stack = np.stack([as_bytes(frame.pixels) for frame in frames])
-    lines = [
-        "ObjectType = Image", "NDims = 3", "BinaryData = True", "BinaryDataByteOrderMSB = False",
-        f"DimSize = {stack.shape[2]} {stack.shape[1]} {stack.shape[0]}",
-        "ElementSpacing = 1 1 1",
-        "Offset = 0 0 0", "ElementType = MET_UCHAR", "UltrasoundImageOrientation = MF",
-        "UltrasoundImageType = BRIGHTNESS",
-    ]  # fmt: skip
+    fields = []
     for number, frame in enumerate(frames):
         across, down, corner = (RAS_TO_LPS @ frame.plane.affine).T
         normal = RAS_TO_LPS @ frame.plane.image_to_reference[:3, 2]
         matrix = np.vstack([np.column_stack([across, down, normal, corner]), (0, 0, 0, 1)])
-        name = f"Seq_Frame{number:04d}"
-        lines += [
-            f"{name}_ImageToReferenceTransform = {' '.join(f'{x:.9g}' for x in matrix.ravel())}",
-            f"{name}_ImageToReferenceTransformStatus = OK",
-            f"{name}_Timestamp = {number * frame_ms / 1000:.6g}",
-            f"{name}_ImageStatus = OK",
-        ]
-    lines.append("ElementDataFile = LOCAL")
-    write_bytes(path, ("\n".join(lines) + "\n").encode() + stack.tobytes())
+        place = {"ImageToReferenceTransform": " ".join(f"{x:.9g}" for x in matrix.ravel())}
+        status = {"ImageToReferenceTransformStatus": "OK"}
+        fields.append({**place, **status, "Timestamp": f"{number * frame_ms / 1000:.6g}", "ImageStatus": "OK"})
+    frame_count, rows, columns = stack.shape
+    write_bytes(path, sequence_header((columns, rows, frame_count), fields) + stack.tobytes())
 
 
 def write_gif(frames: Sequence[Frame], path: str | PathLike[str], *, frame_ms: float = 100.0) -> None:
