@@ -13,6 +13,7 @@ from sonospline.elasticity import ElasticSolver, NotConvergedError, RelaxingSolv
 from sonospline.elasticity.tissue_relaxation import TissueRelaxation
 from sonospline.fem import StepwiseTissue
 from sonospline.mechanics import LineForce, Material, PronySeries, TissueMap, labelled_cube
+from sonospline.models.elastic import ElasticModel
 
 NEEDLE = ss.Needle((0, 0.45, 0.5), (0.6, 0.5, 0.5))
 TWO = PronySeries((0.3, 0.3), (0.5, 10))
@@ -323,3 +324,18 @@ def test_bad_input_is_one_clear_line(wrong, problem):
     with pytest.raises(ValueError, match=problem) as error:
         wrong()
     assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("contact", ["pose", "track"])
+def test_an_exponent_counts_only_where_tissue_is_to_relax(contact):
+    """Bit for bit: tables may give exponents."""
+    tissue, found = ss.Tissue(ss.Grid(shape=(9, 9, 9), spacing=12.5)), []
+    for exponent in (0.0, 0.1):
+        material = Material(10.0, relaxation_exponent=exponent)
+        model = ElasticModel(tissue, material, contact=contact, nodes=9**3)
+        state = model.rest
+        for depth in (20.0, 45.0, 30.0):
+            response = model.step(state, {"needle": ss.Needle((0, 50, 50), (depth, 50, 50))}, 0.5)
+            state = response.state
+        found.append((state.solution.displacement, response.forces["needle"]))
+    assert np.array_equal(found[0][0], found[1][0]) and found[0][1] == found[1][1]

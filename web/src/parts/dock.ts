@@ -4,7 +4,7 @@ import type { Desk } from "../desk";
 import { h } from "../dom";
 import type { Layout } from "../layouts";
 import { cap } from "../keys";
-import { ACROSS, ALONG, IN_MENU, PUSH, SLIDE, SWEEP } from "../knobs";
+import { ACROSS, ALONG, IN_MENU, PRESS, PUSH, SLIDE, SWEEP } from "../knobs";
 import { actionButton, freezeButton, paceGroup, pushButton } from "./buttons";
 import { ScannerMenu } from "./scanner";
 import { steppers } from "./steppers";
@@ -32,7 +32,7 @@ function probe(desk: Desk): HTMLElement {
     "section",
     { class: "group probe", "aria-labelledby": "dock-probe" },
     h("div", { class: "top" }, h("h2", { id: "dock-probe" }, "Probe"), caps(desk, SLIDE, SWEEP), actionButton(desk, "recentre", "Recentre", null, "quiet")),
-    steppers(desk, "probe", "steppers"),
+    steppers(desk, "probe", "steppers", { without: [PRESS] }),
   );
 }
 

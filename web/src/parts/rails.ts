@@ -4,7 +4,7 @@ import type { Desk } from "../desk";
 import { h } from "../dom";
 import { icon } from "../icons";
 import { draggable } from "../input/drag";
-import { ACROSS, ALONG, IN_MENU, PUSH, SLIDE, SWEEP } from "../knobs";
+import { ACROSS, ALONG, IN_MENU, PRESS, PUSH, SLIDE, SWEEP } from "../knobs";
 import { actionButton, freezeButton, paceButton } from "./buttons";
 import { ScannerMenu } from "./scanner";
 import { steppers } from "./steppers";
@@ -23,7 +23,7 @@ export function probeRail(desk: Desk): HTMLElement {
     h("h2", {}, "Probe"),
     actionButton(desk, "recentre", "Recentre", "entry"),
     h("div", { class: "space" }),
-    steppers(desk, "probe", "inline", { without: [SLIDE, SWEEP], tall: true, upwards: true }),
+    steppers(desk, "probe", "inline", { without: [SLIDE, SWEEP, PRESS], tall: true, upwards: true }),
     pad(desk),
     h("p", { class: "hint" }, "Slide and sweep"),
   );

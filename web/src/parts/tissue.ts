@@ -4,9 +4,11 @@ import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
 import { keyOf } from "../keys";
+import { PRESS } from "../knobs";
 import { inShort, isOn, pressing, STILL, SWITCHES, unavailable } from "../tissue";
 import type { TissueSwitch } from "../tissue";
 import { popup } from "./menu";
+import { stepper, type Stepper } from "./stepper";
 
 const EVERY = 100;
 
@@ -22,6 +24,7 @@ export class TissueMenu {
   private readonly menu = h("div", { class: "menu", id: "tissue-menu", role: "menu", "aria-labelledby": "tissue-button", hidden: true });
   readonly element = h("div", { class: "tissue" }, this.button, this.menu);
   private items: HTMLElement[] = [];
+  private press: Stepper | null = null;
   private writtenAt = -Infinity;
 
   constructor(private readonly desk: Desk) {
@@ -65,13 +68,15 @@ export class TissueMenu {
         h("span", {}),
       ),
     );
+    this.press = stepper(this.desk, this.desk.session.knob(PRESS));
     this.refresh();
-    return this.items;
+    return [...this.items, this.press.element];
   }
 
   private refresh(): void {
     const { scene, command, model, answers } = this.desk.session;
     if (!scene) return;
+    this.press?.refresh();
     const tissue = command?.tissue ?? STILL;
     const able = unavailable(scene, model, tissue, "remember") === null;
     toggle(this.button, "lit", able && SWITCHES.some(({ id }) => isOn(tissue, id)));
