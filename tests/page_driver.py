@@ -186,9 +186,10 @@ class Driver:
         return self
 
     def until(self, expression):
-        """Ask again and again; the page's own policy forbids Playwright to do so inside it."""
+        """Ask again and again, of what may not be there yet, too; the page's own policy forbids Playwright to do so."""
         end = time.monotonic() + PATIENCE_S
-        while not self.page.evaluate(expression):
+        asked = f"(() => {{ try {{ return {expression}; }} catch {{ return false; }} }})()"
+        while not self.page.evaluate(asked):
             assert time.monotonic() < end, f"{expression} did not come true"
             self.page.wait_for_timeout(20)
 

@@ -242,7 +242,7 @@ def test_a_verb_on_a_full_disk_leaves_nothing_and_says_so_in_one_line(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", VERBS)
 def test_a_verb_under_every_limit_is_whole_or_not_there(name, tmp_path):
-    each_limit(name, tmp_path, [0, 1e-4, 1e-3, 0.01, *np.linspace(0.02, 1, 12, endpoint=False), 0.99, 0.9999, 1.5])
+    each_limit(name, tmp_path, [0, 1e-3, 0.02, 0.3, 0.6, 0.9, 0.9999, 1.5])
 
 
 @pytest.fixture
@@ -271,7 +271,7 @@ def test_a_verb_on_small_disks_is_whole_or_not_there(name, tmp_path, small_disk)
     files = sorted(file.name for file in out.iterdir())
     whole = sum(file.stat().st_size for file in out.iterdir())
     outcomes = []
-    for share in (0.02, 0.2, 0.4, 0.6, 0.8, 0.95, 1.05, 4):
+    for share in (0.02, 0.4, 0.95, 1.05, 4):
         disk = small_disk(max(4096, int(share * whole)))
         environment = {**os.environ, "SONOSPLINE_CACHE": str(tmp_path / "cache")}
         command = [*command_of(name, tmp_path), "--out", str(disk / "out")]
