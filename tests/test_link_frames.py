@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 import sonospline as ss
@@ -177,6 +178,27 @@ def test_a_calibration_of_plus_says_where_the_face_is():
     shift = np.eye(4)
     shift[:2, 3] = 4.0, -0.5
     np.testing.assert_allclose(CoordinateFrames(names).face_to_probe, probe @ shift, atol=1e-9)
+
+
+def test_the_scene_of_plus_finds_its_names():
+    """What PLUS's simulated ultrasound for 3D Slicer asks for and sends, and its calibration, by its device set."""
+    names = ScannerNames().with_tracker("localhost:18946")
+    assert names.Devices[0].transforms == ("ProbeToTracker", "NeedleToTracker", "ReferenceToTracker")
+    assert (names.Image, names.Probe, names.NeedleTip) == (
+        "Image_Reference",
+        "ProbeToReference",
+        "NeedleTipToReference",
+    )
+    to_probe = [-0.00228039, 0.0860508, -0.00121134, 52.5973, -0.0860501, -0.00229763, -0.00122624, 35.9178,
+                -0.00125802, 0.0011783, 0.0860722, 16.3705, 0, 0, 0, 1]  # fmt: skip
+    to_pixel = [1.0, 0, 0, -410, 0, 1, 0, 5, 0, 0, 1, 0, 0, 0, 0, 1]
+    definitions = (
+        CoordinateDefinition(From="Image", To="Probe", Matrix=tuple(to_probe)),
+        CoordinateDefinition(From="Image", To="TransducerOriginPixel", Matrix=tuple(to_pixel)),
+    )
+    face = CoordinateFrames(replace(names, CoordinateDefinitions=definitions)).face_to_probe
+    np.testing.assert_allclose(face[:3, 3], (np.reshape(to_probe, (4, 4)) @ (410, -5, 0, 1))[:3], atol=1e-9)
+    assert face[:3, 0] @ (0, -1, 0) > 0.99
 
 
 @pytest.mark.slow

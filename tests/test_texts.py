@@ -308,6 +308,7 @@ LEFT_OUT = {
     *(simulator.Command, simulator.Knobs, simulator.SceneFile, simulator.Constrained),  # settings, all of them scalars
     igtl.Framer,  # a stream
     tracking.RecordedHand,  # a thread
+    training.PoseRow,  # a row
     *(training.Attempt, training.Expert, training.Hand, training.Novice),  # which hold no arrays
     *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays
 }

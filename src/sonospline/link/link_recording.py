@@ -69,15 +69,15 @@ class LinkRecording:
             if self._writer is None:
                 return
             found = list(messages)
-            image = next(one for one in found if isinstance(one.content, igtl.Image))
+            image, stamp = next((one.content, one.stamp) for one in found if isinstance(one.content, igtl.Image))
             poses = {
                 one.device: (one.content.matrix, one.metadata.get("Status", OK) == OK)
                 for one in found
                 if isinstance(one.content, igtl.Transform)
             }
             reference = next(iter(poses)).rpartition("To")[2]
-            placed = {f"ImageTo{reference}": (image.content.ijk_to_reference, True), **poses}
-            self._writer.add(image.content.voxels[0], igtl.seconds_of(image.stamp), placed)
+            placed = {f"ImageTo{reference}": (image.ijk_to_reference, True), **poses}
+            self._writer.add(image.voxels[0], igtl.seconds_of(stamp), placed)
 
     def close(self) -> None:
         """End what is being recorded."""
