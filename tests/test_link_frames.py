@@ -1,5 +1,6 @@
 """What goes out of a frame is where the tissue is: on the wire, in every coordinate system, beside a page."""
 
+import contextlib
 import json
 import time
 from itertools import pairwise
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
+import simulator_client
 import sonospline as ss
 from link_client import LinkClient, eventually
 from link_poses import turned
@@ -23,6 +25,7 @@ from sonospline.link.coordinate_frames import CoordinateFrames
 from sonospline.link.frame_messages import messages_of
 from sonospline.link.mesh_messages import MeshMessages
 from sonospline.link.needle_pose import needle_at, pose_along
+from sonospline.server import wire
 from sonospline.simulator import Console, Runner, SceneFile, make_scene
 from sonospline.tracking import TransformRepository
 
@@ -249,3 +252,45 @@ def _needle_of(console, depth):
     skin, needle = console.scene.frame, console.scene.start.needle
     direction = skin.direction(needle)
     return skin.entry(needle) + depth * direction, direction
+
+
+def test_a_tracker_takes_nothing_away_from_the_page():
+    """Settings that a page asks for at the same moment as poses come in are kept, and so is the number it waits for."""
+    console = Console(small())
+    with PageLink(port=0) as link, Runner(console) as runner, LinkClient(link.server.port) as client:
+        numbers = []
+        runner.subscribe(lambda frame, stamp: numbers.append(stamp.seq))
+        link.watch(runner)
+        client.wait_for("IMAGE")
+        tip, direction = _needle_of(console, 9.0)
+        for number in range(1, 40):
+            image = replace(console.scene.start.image, gain=float(number % 7))
+            client.send(igtl.Transform(pose_along(tip, direction)), "NeedleToReference")
+            runner.submit(replace(console.command, image=image), number)
+        assert eventually(lambda: 39 in numbers)
+        assert eventually(lambda: console.last.settings.gain == 39 % 7)
+        client.send(igtl.Transform(pose_along(tip, direction)), "NeedleToReference")
+        assert eventually(lambda: console.last.command.needle.depth == pytest.approx(9))
+        assert console.last.settings.gain == 39 % 7
+        assert numbers == sorted(numbers)
+
+
+@pytest.mark.slow
+def test_a_server_shows_its_page_on_a_link():
+    with PageLink(port=0) as link, contextlib.ExitStack() as stack:
+        running = simulator_client.Running(watch=link.watch)
+        stack.callback(running.stop)
+        page = stack.enter_context(simulator_client.Client(running)).ready()
+        client = stack.enter_context(LinkClient(link.server.port))
+        seq, of_page = page.ask(depth=11.0), []
+        sent, deepest = [], 0.0
+        while deepest < 11 or len(sent) < 3:
+            header, payload = page.frame(seq)
+            of_page.append(wire.read_pixels(header, payload).tobytes())
+            message = client.wait_for("IMAGE")
+            sent.append(message.content.voxels[0].tobytes())
+            deepest = json.loads(client.wait_for("STRING", "Readouts").content.text)["depth_mm"]
+        for _ in range(20):  # what was sent last is drawn by then
+            header, payload = page.frame()
+            of_page.append(wire.read_pixels(header, payload).tobytes())
+        assert set(sent) & set(of_page)

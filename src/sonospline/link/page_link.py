@@ -130,13 +130,10 @@ class PageLink:
         self._command(**changed)
 
     def _command(self, **changed: object) -> None:
-        frame, stamp = self._newest()
-        command = replace(frame.command, **changed)
-        with self._lock:
-            shown = self._shown
-        if shown is not None:
-            shown.console.scene.check(command)
-            shown.submit(command, stamp.seq)
+        shown = self._shown
+        if shown is None:
+            raise ValueError("no page is open; open one, and it can be moved")
+        shown.amend(lambda command: replace(command, **changed))
 
     def _wait_at(self, entry: Array, target: Array) -> None:
         scene = self.scene

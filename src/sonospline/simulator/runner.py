@@ -95,6 +95,7 @@ class Runner:
         self._arrivals = ArrivalClock()
         self._closed = False
         self._seq = 0
+        self._stepped: _Submitted | None = None
         self._restless = True
         self._errors = ErrorLog()
         self._thread = threading.Thread(target=self._run, name="sonospline-session", daemon=True)
@@ -169,6 +170,21 @@ class Runner:
             self._queue.append(submitted)
             self._changed.notify()
 
+    def amend(self, change: Callable[[Command], Command]) -> None:
+        """Change the newest command, whether it was looked at or still waits, beside whoever gives commands.
+
+        Raises
+        ------
+        FieldError
+            What it becomes is beyond the scene's limits.
+        """
+        with self._changed:
+            waiting = (item for item in reversed(self._queue) if isinstance(item, _Submitted))
+            newest = next(waiting, self._stepped)
+            command = change(self.console.command if newest is None else newest.command)
+            self.console.scene.check(command)
+            self.submit(command, self._seq if newest is None else newest.seq)
+
     def do(self, action: Action) -> None:
         """Have something else done to the console, after the commands before it and before those after it."""
         with self._changed:
@@ -224,11 +240,10 @@ class Runner:
             try:
                 frame = self.console.step(None if submitted is None else submitted.command, dt)
             except Exception as error:  # the console goes on with its last frame, whatever failed
-                self._restless = False
+                self._restless, self._stepped = False, None
                 self._report(error)
                 continue
-            if submitted is not None:
-                self._seq = submitted.seq
+            self._seq, self._stepped = self._seq if submitted is None else submitted.seq, None
             self._restless = (frame.moves or not frame.settled) and not frame.command.frozen
             stamp = Stamp(self._seq, begun if submitted is None else submitted.since)
             for subscription in self._subscriptions:
@@ -275,6 +290,7 @@ class Runner:
                 if not self._queue:
                     return None
                 item = self._queue.popleft()
+                self._stepped = item if isinstance(item, _Submitted) else self._stepped
             if isinstance(item, _Submitted):
                 return item
             try:
