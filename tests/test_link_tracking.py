@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import sonospline as ss
 from link_client import LinkClient, eventually
 from link_poses import SMALL_BLOCK, turned
-from sonospline import igtl, link
+from sonospline import igtl
 from sonospline.io.pose_sequence import read_pose_sequence
 from sonospline.link import LinkServer, PageLink, Scanner, ScannerNames
 from sonospline.link.coordinate_frames import CoordinateFrames
@@ -22,6 +22,7 @@ from sonospline.link.needle_pose import pose_along
 from sonospline.link.tool_tracking import ToolTracking
 from sonospline.simulator import Console, Runner, SceneFile, make_scene
 from sonospline.tracking import Clutch, PoseTrack, frames_of
+from sonospline.tracking import LinkClient as PoseClient
 
 PLUS = """
 [[CoordinateDefinitions]]
@@ -173,7 +174,7 @@ def test_a_client_comes_back_and_survives_garbage():
 
     with contextlib.ExitStack() as stack:
         server = stack.enter_context(LinkServer(port=0))
-        client = stack.enter_context(link.LinkClient("127.0.0.1", server.port, take, reads=("TRANSFORM",)))
+        client = stack.enter_context(PoseClient("127.0.0.1", server.port, take, reads=("TRANSFORM",)))
         assert eventually(lambda: [one.version for one in server.clients] == [2])
         server.publish(pose)
         assert again.wait(10)

@@ -298,7 +298,6 @@ LEFT_OUT = {
         link.HaplyInverse,
         link.CoordinateDefinition,
         link.LinkServer,
-        link.LinkClient,
         link.PageLink,
         link.TrackerDevice,
         link.Scanner,
@@ -307,7 +306,7 @@ LEFT_OUT = {
     ),  # a protocol; what needs a core, a service, a port
     *(simulator.Command, simulator.Knobs, simulator.SceneFile, simulator.Constrained),  # settings, all of them scalars
     igtl.Framer,  # a stream
-    tracking.RecordedHand,  # a thread
+    *(tracking.LinkClient, tracking.RecordedHand),  # a service, a thread
     training.PoseRow,  # a row
     *(training.Attempt, training.Expert, training.Hand, training.Novice),  # which hold no arrays
     *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays

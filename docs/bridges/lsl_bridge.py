@@ -9,7 +9,7 @@ import threading
 
 import pylsl
 
-from sonospline.link import LinkClient
+from sonospline.tracking import LinkClient
 
 
 def bridge(host: str = "localhost", port: int = 18944) -> LinkClient:

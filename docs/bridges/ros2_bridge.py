@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 
-from sonospline.link import LinkClient
+from sonospline.tracking import LinkClient
 
 NAMES = ("NeedleTipToReference", "ProbeToReference", "TargetToReference")
 

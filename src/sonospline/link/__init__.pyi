@@ -8,7 +8,6 @@ from .force_loop import ForceLoop as ForceLoop
 from .force_loop import ForceReading as ForceReading
 from .force_loop import ForceTiming as ForceTiming
 from .haply_inverse import HaplyInverse as HaplyInverse
-from .link_client import LinkClient as LinkClient
 from .link_connection import ClientInfo as ClientInfo
 from .link_server import LinkServer as LinkServer
 from .page_device import PageDevice as PageDevice

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import igtl
-from .link_client import LinkClient
+from ..tracking.link_client import LinkClient
 from .scanner_names import TrackerDevice
 
 _EVERY_MS = 10

@@ -41,7 +41,8 @@ class LinkClient:
     >>> import threading
     >>> import numpy as np
     >>> from sonospline import igtl
-    >>> from sonospline.link import LinkClient, LinkServer
+    >>> from sonospline.link import LinkServer
+    >>> from sonospline.tracking import LinkClient
     >>> came = threading.Event()
     >>> pose = igtl.Message(igtl.Transform(np.eye(4)), "NeedleToTracker", igtl.now())
     >>> with LinkServer(port=0, keep_alive_s=0.01) as server:
