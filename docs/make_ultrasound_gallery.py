@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sonospline.geometry import ImagePlane, facing
 from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
 from sonospline.ultrasound import (
+    Artefacts,
     Display,
     Frame,
     Phantom,
@@ -30,6 +32,8 @@ from sonospline.ultrasound import (
 from sonospline.ultrasound.organs import phantom_from_organs
 
 IMAGES = Path(__file__).parent / "images"
+REAL: dict[str, Any] = {"artefacts": Artefacts(), "display": Display(noise_db=-70)}
+"""As the simulator's scenes show them."""
 
 
 def pair(before: Frame, after: Frame, name: str, needle: ss.Needle | None = None) -> None:
@@ -49,13 +53,13 @@ def kidney() -> None:
     """The kidney phantom under both probes, before and after the needle."""
     kidney = kidney_phantom()
     insertion = ss.Insertion(ss.Tissue(kidney.grid(), entry_face="z-"))
-    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_to_reference)
+    scanner = Scanner(kidney.phantom, Probe.curvilinear(), kidney.probe_to_reference, **REAL)
     field = ss.GridField.of(insertion.advance(kidney.needle))
     pair(scanner.render().frame, scanner.render(field, kidney.needle).frame, "ultrasound_kidney_curvilinear.png")
 
     unpressed = kidney_phantom(pressed=False)
     probe = Probe.linear(depth_mm=48, aperture_mm=50)
-    linear = Scanner(unpressed.phantom, probe, facing((112, 50, 0.6), depth=(0, 0, 1), right=(1, 0, 0)))
+    linear = Scanner(unpressed.phantom, probe, facing((112, 50, 0.6), depth=(0, 0, 1), right=(1, 0, 0)), **REAL)
     shallow = ss.Needle((150, 50, 1), (100, 50, 27))
     field = ss.GridField.of(insertion.advance(shallow))
     pair(linear.render().frame, linear.render(field, shallow).frame, "ultrasound_flank_linear.png")
@@ -85,7 +89,7 @@ def abdomen(data: Path) -> None:
             break
         skin = skin - look
     pose = facing(skin + 3 * look, depth=look, right=np.cross(look, (0, 0, 1)))
-    scanner = Scanner(phantom, Probe.curvilinear(depth_mm=130), pose)
+    scanner = Scanner(phantom, Probe.curvilinear(depth_mm=130), pose, **REAL)
     lattice = phantom.labels.lattice
     grid = ss.Grid.covering(lattice.extent, nodes=150_000, origin=lattice.origin)
     needle = ss.Needle(skin + 14 * look + 42 * pose[:3, 0], kidney_middle)

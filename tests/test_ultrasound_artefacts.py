@@ -12,6 +12,8 @@ from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
 from sonospline.ultrasound import AcousticTissue, Artefacts, Display, Phantom, Probe, Scanner
+from sonospline.ultrasound.aim import aim
+from sonospline.ultrasound.optics import Optics
 
 NONE = Artefacts.none()
 SURFACES = replace(NONE, diffuse=True)
@@ -107,6 +109,20 @@ def test_a_small_cyst_is_dark_and_not_black():
     assert grey["none"] < 8
     assert 8 < grey["all"] < 60
     assert grey["harmonic"] < grey["all"]
+
+
+def test_what_swallows_sound_is_not_seen_from_inside():
+    """Of a slab that attenuates like bone the far face has no points; of one that does not, both have."""
+    voxels = np.zeros((60, 30, 60), np.uint8)
+    voxels[:, :, 20:30] = 1
+    pose = facing((30, 15, 2), depth=(0, 0, 1), right=(1, 0, 0))
+    points = []
+    for loss in (0.5, 15):
+        slab = replace(OIL, name="slab", speed_m_s=3000, density_kg_m3=1900, attenuation_db_cm_mhz=loss)
+        phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: OIL, 1: slab})
+        grid = ss.Grid.covering((60, 30, 60), nodes=2000)
+        points.append(aim(phantom, Optics(SMALL), pose, grid, 1.0, 0, diffuse=True).surface_starts[-1])
+    assert points[1] == pytest.approx(points[0] / 2, rel=0.1)
 
 
 @pytest.mark.parametrize("part", ["side_lobes_db", "haze_db", "tail_db"])

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _WIDER, _THICKER, _FEWER_LINES = 6.0, 3.0, 4
-_WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS = 24, 128, 32
+_WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS = 96, 128, 32
 _HAZE_DB_MM_MHZ = 0.34  # fall of the haze with depth: 1.2 dB/mm at 3.5 MHz
 _FAINTEST_HAZE_DB = -60.0
 _BANDS, _BAND_MM_MHZ, _BAND_DB, _BAND_FALL_DB = 6, 3.9, 12.0, 4.5  # echoes in the lens, one under the other

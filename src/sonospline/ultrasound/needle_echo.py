@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _BRIGHTEST_DB = 28.0
 _TIP_DB, _TIP_FLOOR_DB, _TIP_WIDTH_DEG = 24.0, 4.0, 35.0
-_SHADE, _REAL_SHADE = 0.55, 0.65
+_SHADE, _REAL_SHADE = 0.55, 0.58
 
 _COLUMNS = ("floor", "height", "width_deg", "centre_deg", "diameter_mm")
 _MEASURED: dict[str, tuple[Literal["gaussian", "lorentzian"], float, float, float, float, float]] = {

@@ -30,14 +30,17 @@ _ASTRAY = 0.1
 """Share of scatterers at random places."""
 _TEXTURE_VOXELS = 3.0
 _SOBOL_BITS = 24
+_OPAQUE_DB = 8.0
+"""dB/cm/MHz beyond which no beam comes back: of bone and gas."""
 
 
 def echo_scene(labels: NDArray[np.uint8], spacing: tuple[float, float, float], table: Callable[[str], Array]) -> Any:
     """Return the core's phantom, which chooses scatterers: a label map and, by label, each property of its tissue."""
     places, signs = _patterns()
+    opaque = (table("attenuation_db_cm_mhz") > _OPAQUE_DB).astype(float)
     rough, texture_step = 10 ** (table("roughness_db") / 20), _TEXTURE_VOXELS / table("texture_mm")
     return _core.active.EchoScene(
-        labels, spacing, table("impedance"), rough, table("wall_mm"), TISSUES["vessel wall"].impedance,
+        labels, spacing, table("impedance"), rough, table("wall_mm"), TISSUES["vessel wall"].impedance, opaque,
         table("backscatter_db"), table("texture_db"), np.ascontiguousarray(texture_step), _texture(), places, signs,
         NUMBERS, NO_ECHO,
     )  # fmt: skip

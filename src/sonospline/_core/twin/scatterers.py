@@ -84,6 +84,7 @@ class EchoScene:
         rough: Array,
         wall_mm: Array,
         wall_impedance: float,
+        opaque: Array,
         level_db: Array,
         texture_db: Array,
         texture_step: Array,
@@ -107,6 +108,7 @@ class EchoScene:
         )
         self.labels, self.spacing, self.impedance = labels, np.array(spacing), impedance
         self.rough, self.wall_mm, self.wall_impedance = rough, wall_mm, wall_impedance
+        self.opaque = opaque
         self.level_db, self.texture_db, self.texture_step, self.texture = level_db, texture_db, texture_step, texture
         self.places, self.signs, self.numbers, self.no_echo = places, signs, interfaces, no_echo
 
@@ -244,6 +246,10 @@ class EchoScene:
             part = Points(*(p[kept] for p in found))
             scatter = mirror * scattered(part, self.rough, beam * used / copies)
         audible = size + np.abs(scatter) > faintest
+        if diffuse:
+            rises = self.impedance[found.labels[kept, 0]] < self.impedance[found.labels[kept, 1]]
+            low, high = self.opaque[found.labels[kept]].T
+            audible &= np.where(rises == (along > 0), low <= high, high <= low)
         speckle = np.sqrt(np.interp(r[audible] / view.sample_mm, np.arange(len(power)), power))
         at = kept[audible]
         size, mirror, scatter = (part[audible] * speckle for part in (size + scatter, mirror, scatter))

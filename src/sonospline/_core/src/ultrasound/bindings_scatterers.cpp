@@ -36,9 +36,9 @@ sono::Affine34 affine(const Affine34 &m) {
 class EchoScene {
   public:
     EchoScene(const Labels &labels, const std::array<double, 3> &spacing, const PerLabel &impedance,
-              const PerLabel &rough, const PerLabel &wall_mm, double wall_impedance, const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
+              const PerLabel &rough, const PerLabel &wall_mm, double wall_impedance, const PerLabel &opaque, const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
               const Places &places, const Table &signs, const std::array<double, 7> &interfaces, double no_echo)
-        : labels_(labels), impedance_(impedance), rough_(rough), wall_(wall_mm), wall_impedance_(wall_impedance), level_(level_db), texture_db_(texture_db), step_(texture_step),
+        : labels_(labels), impedance_(impedance), rough_(rough), wall_(wall_mm), wall_impedance_(wall_impedance), opaque_(opaque), level_(level_db), texture_db_(texture_db), step_(texture_step),
           texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
 
     auto interfaces() {
@@ -108,7 +108,7 @@ class EchoScene {
                 "places and signs differ in length, or are no power of two");
         require(signs_.shape(1) <= sono::kMostInBrick, "signs has more than 512 columns");
         return {{labels_.data(), shape, spacing},
-                impedance_.data(), rough_.data(), wall_.data(), wall_impedance_, level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
+                impedance_.data(), rough_.data(), wall_.data(), wall_impedance_, opaque_.data(), level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
                 places_.data(), signs_.data(), patterns, places_.shape(2)};
     }
     static sono::InterfaceNumbers numbers(const std::array<double, 7> &n) {
@@ -120,7 +120,7 @@ class EchoScene {
     Labels labels_;
     PerLabel impedance_, rough_, wall_;
     double wall_impedance_;
-    PerLabel level_, texture_db_;
+    PerLabel opaque_, level_, texture_db_;
     Steps step_;
     Volume texture_;
     Places places_;
@@ -133,9 +133,9 @@ class EchoScene {
 void bind_scatterers(nb::module_ &m) {
     nb::class_<EchoScene>(m, "EchoScene")
         .def(nb::init<const Labels &, const std::array<double, 3> &, const PerLabel &, const PerLabel &,
-                      const PerLabel &, double, const PerLabel &, const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
+                      const PerLabel &, double, const PerLabel &, const PerLabel &, const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
                       const std::array<double, 7> &, double>(),
-             "labels"_a, "spacing"_a, "impedance"_a, "rough"_a, "wall_mm"_a, "wall_impedance"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
+             "labels"_a, "spacing"_a, "impedance"_a, "rough"_a, "wall_mm"_a, "wall_impedance"_a, "opaque"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
         .def("interfaces", &EchoScene::interfaces)
         .def("prepare", &EchoScene::prepare, nb::call_guard<Outside>())

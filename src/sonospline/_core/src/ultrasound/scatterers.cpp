@@ -293,6 +293,10 @@ void EchoScene::surface(const View &view, const InterfaceBlock &block, std::size
         const double mirror = gain * layer.reflection * point.area;
         double strength = mirror * std::exp(-numbers_.width * (1 - along * along)), scattered = 0;
         if (view.diffuse) {
+            // normals point to the higher impedance
+            const bool rises = tables_.impedance[point.low] < tables_.impedance[point.high];
+            const bool forwards = rises == (along > 0);
+            if (tables_.opaque[forwards ? point.low : point.high] > tables_.opaque[forwards ? point.high : point.low]) return;
             // its sum in a beam, of random signs, stands so far below the mirror's, of one sign
             const double rough = std::max(tables_.rough[point.low], tables_.rough[point.high]);
             const double within = std::clamp(r, 0.0, p.depth_mm);

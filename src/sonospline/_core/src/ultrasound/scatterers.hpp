@@ -19,6 +19,7 @@ struct EchoTables {
     const double *rough;         // amplitude of a surface's diffuse echo over that of its mirror
     const double *wall_mm;       // thickness of the wall around a fluid; 0 where none is
     double wall_impedance;
+    const double *opaque;        // not 0 for what no beam leaves again: its surface is not seen from inside
     const double *level_db;      // at no_echo or below: nothing
     const double *texture_db;    // how far the level varies from place to place
     const double *texture_step;  // (256, 3) voxels of `texture` per mm
