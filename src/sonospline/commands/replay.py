@@ -13,7 +13,8 @@ from ..simulator.scene_maker import make_scene
 from ..simulator.shipped import SHIPPED
 from ..training.metric import METRICS, measure
 from ..training.recording import Recording
-from ..training.replay import Replayed, replay, unlike
+from ..training.replay import replay, unlike
+from ..training.replay_player import Replayed
 from ..ultrasound.cine import write_gif, write_sequence
 from ._progress import track
 

@@ -1,8 +1,11 @@
 from .attempt import Attempt as Attempt
 from .attempt import Judged as Judged
 from .attempt import Result as Result
+from .band import Band as Band
+from .band import shipped_band as shipped_band
 from .exercise import SHIPPED_EXERCISES as SHIPPED_EXERCISES
 from .exercise import Exercise as Exercise
+from .growing_trace import GrowingTrace as GrowingTrace
 from .hands import Expert as Expert
 from .hands import Hand as Hand
 from .hands import Novice as Novice
@@ -15,8 +18,9 @@ from .pose_table import read_poses as read_poses
 from .pose_table import write_poses as write_poses
 from .recorder import Recorder as Recorder
 from .recording import Recording as Recording
-from .replay import Replayed as Replayed
 from .replay import replay as replay
+from .replay_player import Replayed as Replayed
+from .replay_player import ReplayPlayer as ReplayPlayer
 from .smoothness import log_dimensionless_jerk as log_dimensionless_jerk
 from .smoothness import spectral_arc_length as spectral_arc_length
 from .step import Step as Step

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from ..simulator.command import Command
@@ -14,6 +15,7 @@ from ..simulator.console_frame import ConsoleFrame
 from ..simulator.scene import Scene
 from ..simulator.session import Session
 from .exercise import Exercise, MarkPart
+from .growing_trace import GrowingTrace
 from .metric import METRICS, measure
 from .trace import Sample, Trace
 
@@ -106,31 +108,33 @@ class Attempt:
         self.state: State = "briefing"
         self.result: Result | None = None
         """What it came to, from the debrief on."""
-        self._start = exercise.start_in(scene, seed)
-        self._console = Console(Session(scene, model=exercise.model))
-        self._console.session.choose_target(exercise.target)
+        self.start = exercise.start_in(scene, seed)
+        """Where the needle and the probe begin."""
+        self.console = Console(Session(scene, model=exercise.model))
+        """What the attempt is worked on; step it by the attempt alone."""
+        self.console.session.choose_target(exercise.target)
         self._on_frame = on_frame
-        self._frame: ConsoleFrame | None = None
-        self._times: list[float] = []
-        self._samples: list[Sample] = []
+        self.last: ConsoleFrame | None = None
+        """The frame in force, from the beginning on."""
+        self._growing = GrowingTrace()
 
     @property
     def command(self) -> Command:
         """The command in force."""
-        return self._start if self._frame is None else self._console.command
+        return self.start if self.last is None else self.console.command
 
     @property
     def frame(self) -> ConsoleFrame:
         """The frame in force."""
-        if self._frame is None:
+        if self.last is None:
             raise ValueError("the attempt has no frame yet; begin() it")
-        return self._frame
+        return self.last
 
     def begin(self) -> None:
         """Go from the briefing to the exercise: the clock runs."""
         self._check("briefing")
         self.state = "running"
-        self._step(self._start, 0.0)
+        self._step(self.start, 0.0)
 
     def step(self, command: Command | None = None, dt: float = 0.0) -> ConsoleFrame:
         """Bring the tissue to a command; the attempt ends where its time or its passes do.
@@ -138,18 +142,38 @@ class Attempt:
         Raises
         ------
         ValueError
-            The attempt does not run, or the command is beyond the scene or enters beside the entry zone: nothing
-            changes.
+            The attempt does not run, or the command is beyond the scene or not part of the exercise: nothing changes.
         """
         self._check("running")
         command = self.command if command is None else command
-        self._check_entry(command)
+        if command.tissue is None:
+            command = msgspec.structs.replace(command, tissue=self.command.tissue)
+        self.check(command)
         frame = self._step(command, dt)
         if frame.metrics.passes > self.exercise.most_passes:
             self._end("too many passes")
         elif frame.time_s >= self.exercise.time_limit_s:
             self._end("time is up")
         return frame
+
+    def check(self, command: Command) -> None:
+        """Raise ValueError where a command is not part of the exercise: beside the entry zone, in other tissue."""
+        zone, needle = self.exercise.entry_zone, command.needle
+        if zone is not None and needle.depth > 0:
+            for knob, (low, high) in (("u", zone.u), ("v", zone.v)):
+                at = getattr(needle, knob)
+                if not low <= at <= high:
+                    raise ValueError(
+                        f"needle.{knob} = {at:g} is beside the entry zone; enter at {low:g} to {high:g} mm"
+                    )
+        wanted, asked = self.exercise.tissue, command.tissue
+        if asked is None:
+            return
+        for name in ("contact", "relaxation", "breathing"):
+            want, ask = getattr(wanted, name), getattr(asked, name)
+            held = name == "breathing" and want != "none" and ask != "none"
+            if ask != want and not held:
+                raise ValueError(f"tissue.{name} = {ask!r} is not part of the exercise; it stays {want!r}")
 
     def say_on_target(self) -> Result:
         """End it because the trainee says that the needle is on target."""
@@ -162,12 +186,11 @@ class Attempt:
         return self._end("given up")
 
     def _step(self, command: Command, dt: float) -> ConsoleFrame:
-        self._frame = frame = self._console.step(command, dt)
-        if self._times and frame.time_s == self._times[-1]:  # no time has passed: the later one counts
-            self._samples.pop()
-        else:
-            self._times.append(frame.time_s)
-        self._samples.append(Sample.of(frame, self.scene))
+        before = self.last
+        self.last = frame = self.console.step(command, dt)
+        if before is not None and before.number == frame.number:  # frozen: nothing has happened
+            return frame
+        self._growing.add(frame.time_s, Sample.of(frame, self.scene))
         if self._on_frame is not None:
             self._on_frame(frame)
         return frame
@@ -176,19 +199,10 @@ class Attempt:
         if self.state != state:
             raise ValueError(f"the attempt is in its {self.state}, not {state}; make another Attempt to try again")
 
-    def _check_entry(self, command: Command) -> None:
-        zone, needle = self.exercise.entry_zone, command.needle
-        if zone is None or needle.depth == 0:
-            return
-        for knob, (low, high) in (("u", zone.u), ("v", zone.v)):
-            at = getattr(needle, knob)
-            if not low <= at <= high:
-                raise ValueError(f"needle.{knob} = {at:g} is beside the entry zone; enter at {low:g} to {high:g} mm")
-
     def _end(self, how: Ended) -> Result:
-        if len(self._times) < 2:
+        if len(self._growing) < 2:
             raise ValueError("no time has passed in the attempt; give step() a dt")
-        trace = Trace.of_samples(self._times, self._samples)
+        trace = self._growing.trace()
         metrics = measure(trace, self.exercise.task)
         marks = tuple(Judged(name, metrics[name], mark) for name, mark in self.exercise.pass_mark.items())
         self.state = "debrief"

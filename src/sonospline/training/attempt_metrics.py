@@ -36,7 +36,7 @@ def _directions(trace: Trace, samples: slice) -> Array:
     return np.divide(along, length, out=np.zeros_like(along), where=length > 0)
 
 
-def _advances(trace: Trace) -> Iterator[tuple[slice, Array]]:
+def advances(trace: Trace) -> Iterator[tuple[slice, Array]]:
     """Of each pass: its samples, and by how much the tip went on along the needle to come to each, mm."""
     for samples, way in _ways(trace):
         yield samples, (np.diff(way, axis=0) * _directions(trace, samples)).sum(axis=1)
@@ -47,7 +47,7 @@ def _seconds(trace: Trace) -> Array:
     return np.append(np.diff(trace.time_s), 0.0)
 
 
-def _blind(trace: Trace) -> NDArray[np.bool_]:
+def is_blind(trace: Trace) -> NDArray[np.bool_]:
     """(n,) whether the tip is out of the image plane by more than half the slice."""
     with np.errstate(invalid="ignore"):
         found: NDArray[np.bool_] = np.abs(trace.out_of_plane) > trace.half_slice
@@ -81,7 +81,7 @@ def passes(trace: Trace, task: Task) -> float:
 @metric(METRICS_OF_ATTEMPTS, "")
 def redirections(trace: Trace, task: Task) -> float:
     """How often a needle that is in was pulled back by more than 5 mm and then pushed on by more than 5 mm."""
-    return sum(_reversals(np.cumsum(advance)) for _, advance in _advances(trace))
+    return sum(_reversals(np.cumsum(advance)) for _, advance in advances(trace))
 
 
 def _reversals(along: Array) -> int:
@@ -118,14 +118,14 @@ def needle_path_economy_percent(trace: Trace, task: Task) -> float:
 @metric(METRICS_OF_ATTEMPTS, "mm")
 def blind_advance_mm(trace: Trace, task: Task) -> float:
     """By how much the needle was advanced to places where its tip is out of plane by more than half the slice."""
-    blind = _blind(trace)
-    return float(sum(advance[(advance > 0) & blind[samples]].sum() for samples, advance in _advances(trace)))
+    blind = is_blind(trace)
+    return float(sum(advance[(advance > 0) & blind[samples]].sum() for samples, advance in advances(trace)))
 
 
 @metric(METRICS_OF_ATTEMPTS, "%")
 def blind_advance_percent(trace: Trace, task: Task) -> float:
     """The same of all that the needle was advanced; 100 % less what others call the share of advance in plane."""
-    advanced = sum(advance[advance > 0].sum() for _, advance in _advances(trace))
+    advanced = sum(advance[advance > 0].sum() for _, advance in advances(trace))
     return float(100 * blind_advance_mm(trace, task) / advanced) if advanced > 0 else np.nan
 
 
@@ -134,7 +134,7 @@ def tip_in_plane_percent(trace: Trace, task: Task) -> float:
     """Share of the time with the needle in during which its tip is within half the slice of the image plane."""
     seconds = _seconds(trace)
     inside = seconds[trace.inside].sum()
-    return float(100 * seconds[trace.inside & ~_blind(trace)].sum() / inside) if inside > 0 else np.nan
+    return float(100 * seconds[trace.inside & ~is_blind(trace)].sum() / inside) if inside > 0 else np.nan
 
 
 def _final(trace: Trace) -> tuple[float, float]:
@@ -210,14 +210,14 @@ def structures_hit(trace: Trace, task: Task) -> float:
 def structures_hit_mm(trace: Trace, task: Task) -> float:
     """By how much the needle was advanced in structures that must not be hit."""
     hits = _hits(trace, task)
-    return float(sum(advance[(advance > 0) & hits[samples]].sum() for samples, advance in _advances(trace)))
+    return float(sum(advance[(advance > 0) & hits[samples]].sum() for samples, advance in advances(trace)))
 
 
 @metric(METRICS_OF_ATTEMPTS, "")
 def back_wall_perforations(trace: Trace, task: Task) -> float:
     """How often the needle was advanced by more than 2 mm beyond the structure with the target, from inside it."""
     inside = np.array([task.aims_into(name) for name in trace.structures])
-    return sum(_perforations(inside[samples], advance) for samples, advance in _advances(trace))
+    return sum(_perforations(inside[samples], advance) for samples, advance in advances(trace))
 
 
 def _perforations(inside: NDArray[np.bool_], advance: Array) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -27,6 +27,7 @@ SHIPPED_EXERCISES = (
 """Names of the exercises that come with the package, from the easiest on."""
 
 Guide = Literal["path", "target", "tip", "numbers", "3-D view"]
+ALL_GUIDES: frozenset[Guide] = frozenset(get_args(Guide))
 Range = tuple[float, float]
 Names = Annotated[tuple[Text, ...], about("names; * and ? as in file names", longest=LONGEST_LIST)]
 _KNOBS = ("u", "v", "angle", "swing", "slide", "sweep", "rotate", "fan")

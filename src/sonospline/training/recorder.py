@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from os import PathLike
@@ -38,6 +39,8 @@ class Recorder:
         A new ``.mcap`` file; one that is there is not written over.
     scene : Scene
         The session's.
+    about : mapping of str to str, optional
+        What else the header is to say: an exercise, a seed. Names of the header's own are not written over.
 
     Raises
     ------
@@ -61,7 +64,7 @@ class Recorder:
     (Recording("The paper's cube", 2 steps, 0.01667 s), [True, True])
     """
 
-    def __init__(self, path: str | PathLike[str], scene: Scene) -> None:
+    def __init__(self, path: str | PathLike[str], scene: Scene, *, about: Mapping[str, str] | None = None) -> None:
         mcap = require("mcap.writer")
         self.path, self.scene = Path(path), scene
         self._stream = self.path.open("xb")
@@ -70,7 +73,7 @@ class Recorder:
         self._count = self._highest = 0
         self._began = self._kept = time.monotonic()
         self._writer.start("sonospline", f"sonospline {version('sonospline')}")
-        self._writer.add_metadata(HEADER, header(scene))
+        self._writer.add_metadata(HEADER, {**(about or {}), **header(scene)})
         shape = self._writer.register_schema("sonospline.Step", "jsonschema", msgspec.json.encode(schema(Step)))
         self._channel = self._writer.register_channel(STEPS, "json", shape)
         self._keep()

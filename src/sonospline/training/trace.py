@@ -193,15 +193,15 @@ class Sample(NamedTuple):
     structure: str
 
     @classmethod
-    def of(cls, frame: SimulatedFrame, scene: Scene) -> Sample:
-        """Return that of a frame."""
+    def of(cls, frame: SimulatedFrame, scene: Scene | None) -> Sample:
+        """Return that of a frame; without a scene it does not say what the tip is in."""
         needle, force = frame.needle, next(iter(frame.forces.values()), None)
         entry, tip = (_NOWHERE, _NOWHERE) if needle is None else (needle.entry, needle.tip)
         seen = (np.nan, np.nan) if needle is None else (frame.readouts.out_of_plane, frame.readouts.half_slice)
         return cls(
             frame.target, entry, tip, frame.probe_to_reference, frame.target_now, frame.target_rest, *seen,
             np.nan if force is None else force.axial_n,
-            "" if needle is None else structure_at(scene, frame.field, needle.tip),
+            "" if needle is None or scene is None else structure_at(scene, frame.field, needle.tip),
         )  # fmt: skip
 
     def __repr__(self) -> str:
