@@ -38,7 +38,7 @@ ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsh
 # A link whose messages can be held back, which knows what was asked for and what was shown.
 LINK = """
 window.link = {delay: 0, held: null, mute: false, asked: [], seq: 0, answered: 0, shown: 0, lead: 0, released: null,
-               frame: 0, frames: 0, scenes: 0};
+               frame: 0, frames: 0, scenes: 0, step: null, replayed: null};
 const Native = link.Native = WebSocket;
 window.WebSocket = class extends Native {
     constructor(address) {
@@ -49,8 +49,11 @@ window.WebSocket = class extends Native {
         const take = (event) => {
             if (event.data instanceof ArrayBuffer && new DataView(event.data).getUint32(0, true) === 1) {
                 const length = new DataView(event.data).getUint32(4, true);
-                const {seq, state, frame} = JSON.parse(new TextDecoder().decode(new Uint8Array(event.data, 8, length)));
+                const text = new TextDecoder().decode(new Uint8Array(event.data, 8, length));
+                const {seq, state, frame, replay} = JSON.parse(text);
                 Object.assign(link, {answered: seq, shown: state.needle.depth, frame});
+                if (replay) link.step ??= replay.step;
+                link.came = replay?.step ?? null;
             }
             const said = typeof event.data === "string" ? JSON.parse(event.data) : {};
             link.key = said.session ?? link.key;
@@ -65,7 +68,9 @@ window.WebSocket = class extends Native {
         });
     }
     send(text) {
-        const {type, seq, needle} = JSON.parse(text);
+        const {type, seq, needle, step, frame} = JSON.parse(text);
+        if (type === "show_step") link.step = step;
+        if (type === "drawn" && frame === link.frame) link.replayed = link.came;
         if (type === "command") {
             link.seq = seq;
             link.asked.push(needle.depth);

@@ -21,8 +21,8 @@ from websockets.sync.client import connect  # noqa: E402
 class Running:
     """A server in a thread of this process."""
 
-    def __init__(self, **options):
-        catalog = SceneCatalog({"small": Entry(SceneFile.parse(SMALL_PAPER), Path())})
+    def __init__(self, exercises=None, **options):
+        catalog = SceneCatalog({"small": Entry(SceneFile.parse(SMALL_PAPER), Path())}, exercises=exercises)
         self.server = Server(catalog, port=0, **options)
         ready = threading.Event()
         self.thread = threading.Thread(target=self.server.run, args=(lambda address: ready.set(),))

@@ -123,7 +123,8 @@ def test_several_needles_by_poses(scene):
 
 
 def test_a_frame_says_on_the_wire_which_bone_it_is(console):
-    header = wire.read(wire.frame(push(console, 40.0), number=1, seq=1, positions=None, grid=False, server_ms=0.0))[1]
+    summary = wire.PassSummary(time_s=0.0, passes=1, path_mm=None, blind_mm=None)
+    header = wire.read(wire.frame(push(console, 40.0), number=1, seq=1, guides=frozenset(), summary=summary))[1]
     assert (header["blocked"], header["bone"]) == ("bone", "rib_left_8")
 
 
@@ -143,7 +144,7 @@ def test_bone_that_no_model_can_hold_is_said_before_anyone_pushes(tmp_path, capl
     (tmp_path / "loose.toml").write_text('["rib_*"]\nrigid = true\nfloating = true\n')
     catalog = SceneCatalog({"ribs": Entry(SceneFile.parse(text), tmp_path)})
     try:
-        console = catalog.order("ribs", None, lambda share: None).result(60)
+        console = catalog.order("ribs", None, lambda share: None).result(60).console
         for _ in range(2):  # what follows the first is done before the second
             catalog.geometry(console).result(60)
     finally:

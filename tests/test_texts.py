@@ -158,6 +158,7 @@ MAKERS = {
     training.Result: judged,
     training.Recorder: lambda: recorded()[0],
     training.Recording: lambda: recorded()[1],
+    training.Band: lambda: training.Band.of([1.0, 2.0]),
     training.Replayed: lambda: next(training.replay(recorded()[1], session().scene)),
     training.Step: lambda: recorded()[1].steps[0],
     ss.AcousticTissue: lambda: ultrasound.TISSUES["kidney cortex"],
@@ -309,6 +310,7 @@ LEFT_OUT = {
     *(tracking.LinkClient, tracking.RecordedHand),  # a service, a thread
     training.PoseRow,  # a row
     *(training.Attempt, training.Expert, training.Hand, training.Novice),  # which hold no arrays
+    *(training.GrowingTrace, training.ReplayPlayer),
     *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays
 }
 

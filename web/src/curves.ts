@@ -13,6 +13,7 @@ export class Curves {
 
   /** A new place of entry starts all curves again: they could not be compared. So does a needle that was never in. */
   add(model: string, { readouts, state, pass }: FrameHeader): void {
+    if (!readouts) return;
     const entry = `${state.needle.u} ${state.needle.v}`;
     if (entry !== this.entry || (pass.passes === 0 && readouts.depth === 0)) {
       this.entry = entry;

@@ -5,6 +5,7 @@ import { bindings, type ActionId, type Binding } from "./keys";
 import { ACROSS, ALONG, ANGLE, PRESS, PUSH, read, SWING } from "./knobs";
 import { Motion, PACE, type Pace } from "./motion";
 import { RESTORE, type Session } from "./session";
+import type { Trainer } from "./trainer";
 import { Signal } from "./signal";
 import type { TissueSwitch } from "./tissue";
 import { clamp } from "./vec";
@@ -43,7 +44,10 @@ export class Desk {
   /** Reset can be taken back until then. */
   restoreUntil = 0;
 
-  constructor(readonly session: Session) {
+  constructor(
+    readonly session: Session,
+    readonly trainer: Trainer,
+  ) {
     session.statusChanged.on((status) => {
       if (status !== "live") this.stop();
     });
@@ -162,6 +166,7 @@ export class Desk {
       case "entry":
         return this.place();
       case "undo":
+        if (this.trainer.attempt) return this.said.emit("Not in an exercise: pull the needle back.");
         this.stop();
         return session.undoPass();
       case "recentre":
@@ -187,6 +192,8 @@ export class Desk {
       case "relax":
       case "press":
         return this.turn(action);
+      case "onTarget":
+        return this.trainer.sayOnTarget();
       case "nextModel":
         return this.chooseModel(this.nextModel());
       default:
@@ -216,6 +223,7 @@ export class Desk {
   }
 
   private reset(): void {
+    if (this.trainer.attempt) return this.said.emit("Not in an exercise: give up, or try again.");
     this.stop();
     this.restoreUntil = performance.now() + RESTORE;
     this.flip("placing", false);
@@ -229,7 +237,7 @@ export class Desk {
 
   private chooseModel(place: number): void {
     const model = this.session.scene?.models[place];
-    if (model) this.session.chooseModel(model.id);
+    if (model && !this.trainer.attempt) this.session.chooseModel(model.id);
   }
 
   private nextModel(): number {

@@ -24,6 +24,7 @@ export const ACTIONS = {
   remember: "Needle remembers",
   relax: "Tissue relaxes",
   press: "Probe presses",
+  onTarget: "I am on target",
 } as const;
 
 export type ActionId = keyof typeof ACTIONS;
@@ -54,6 +55,7 @@ const OWN: ReadonlyMap<string, Binding> = new Map([
   action("KeyM", "remember"),
   action("KeyL", "relax"),
   action("KeyI", "press"),
+  action("Enter", "onTarget"),
   action("Digit1", "model1"),
   action("Digit2", "model2"),
   action("Digit3", "model3"),

@@ -11,6 +11,8 @@ import { listenToKeyboard } from "./input/keyboard";
 import { scaleInput } from "./input/scale";
 import { chooseLayout, type Layout } from "./layouts";
 import { Announcer } from "./parts/announce";
+import { Briefing } from "./parts/briefing";
+import { debriefPanel } from "./parts/debrief";
 import { dock, shorten } from "./parts/dock";
 import { Header } from "./parts/header";
 import { helpDialog } from "./parts/help";
@@ -19,12 +21,15 @@ import { ImagePane, needleRight } from "./parts/imagePane";
 import { LostPanel } from "./parts/lost";
 import { NoticePart } from "./parts/notice";
 import { PassPanel } from "./parts/pass";
+import { Player } from "./parts/player";
 import { MotionPlot } from "./parts/plot";
 import { imageBar, needleRail, probeRail } from "./parts/rails";
 import { ReadoutsPart } from "./parts/readouts";
 import { RefusalSheet } from "./parts/refusal";
 import { tapped, ViewPane } from "./parts/viewPane";
+import { Reel } from "./reel";
 import { Session } from "./session";
+import { Trainer } from "./trainer";
 import { leaveKey, takeKey } from "./sessionKey";
 import "./styles/tokens.css";
 import "./styles/controls.css";
@@ -35,6 +40,8 @@ import "./styles/tablet.css";
 import "./styles/portrait.css";
 import "./styles/small.css";
 import "./styles/help.css";
+import "./styles/training.css";
+import "./styles/debrief.css";
 import "./styles/preferences.css";
 
 /** s: a tab that slept must not jump. */
@@ -45,7 +52,8 @@ const SLOW_PACE = 60;
 const link = new Connection(location.href, takeKey());
 leaveKey(() => link.session);
 const session = new Session(link);
-const desk = new Desk(session);
+const trainer = new Trainer(session);
+const desk = new Desk(session, trainer);
 
 const header = new Header(desk);
 const image = new ImagePane(session, desk);
@@ -54,8 +62,11 @@ const notice = new NoticePart(desk, header, image);
 const lost = new LostPanel(session, image.element);
 const view = new ViewPane(desk);
 const plot = new MotionPlot(session);
-const pass = new PassPanel(session);
+const pass = new PassPanel(trainer);
 const picker = header.element.querySelector<HTMLElement>(".picker");
+const briefing = new Briefing(trainer);
+const reel = new Reel(trainer);
+const player = new Player(trainer, reel, () => image.refreshMarks());
 const sheet = new RefusalSheet(session, picker ?? header.element);
 const announcer = new Announcer(desk);
 const pads = new GamepadReader(desk);
@@ -64,10 +75,11 @@ const controls = dock(desk);
 document.body.append(
   header.element,
   probeRail(desk),
-  h("main", { class: "stage" }, image.element, readouts.element, notice.element, lost.element),
+  h("main", { class: "stage" }, image.element, readouts.element, notice.element, player.element, briefing.element, lost.element),
   h("div", { class: "side" }, h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element), controls),
   needleRail(desk),
   imageBar(desk),
+  debriefPanel(trainer, reel),
   helpDialog(desk),
   hints(),
   announcer.element,
@@ -96,6 +108,15 @@ session.sceneReady.on((scene) => {
   document.body.classList.toggle("needle-right", needleRight(scene));
   document.body.classList.toggle("parallel", parallel(scene.probe));
 });
+trainer.changed.on((phase) => {
+  const before = document.body.dataset.phase;
+  document.body.dataset.phase = phase;
+  const marks = (["target", "path", "tip"] as const).some((guide) => session.allows(guide));
+  document.body.classList.toggle("no-guides-at-all", !marks);
+  for (const guide of ["numbers", "3-D view"] as const) document.body.classList.toggle(`no-${guide.slice(0, 3)}`, !session.allows(guide));
+  if (phase === "attempt" && before !== "attempt") image.element.focus();
+});
+document.body.dataset.phase = trainer.phase;
 session.statusChanged.on((status) => (document.body.dataset.status = status));
 document.body.dataset.status = session.status;
 
@@ -109,13 +130,14 @@ tapped(image.element, () => {
   if (layout === "tablet") desk.flip("swapped", false);
 });
 
-const parts = [image, readouts, header, notice, lost, view, plot, pass, announcer];
+const parts = [image, readouts, header, notice, lost, view, plot, pass, announcer, player];
 let before = performance.now();
 const step = (now: number) => {
   pads.poll(now);
   desk.advance(Math.min(LONGEST_STEP, (now - before) / 1000));
   before = now;
   session.flush(now);
+  reel.tick(now);
   session.draw(now);
   for (const part of parts) part.tick(now);
 };

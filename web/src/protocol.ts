@@ -1,17 +1,19 @@
-/** What page and server say to each other, version 3: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
+/** What page and server say to each other, version 4: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
 
-import type { FrameHeader, GeometryHeader, Hello, MeshHeader, Protocol } from "./protocol.gen";
+import type { FrameHeader, GeometryHeader, Hello, MeshHeader, OfferedExercise, Protocol } from "./protocol.gen";
 
 export type {
-  Choice, Command, FrameHeader, Hello, ImageSettings, Loading, LoggedEvent, MeshHeader, NeedleCommand, Notice, OfferedModel, ProbeOutline, Readouts, Refused,
+  Command, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
+  ProbeOutline, Readouts, Refused, RunningAttempt, TargetPlace,
   SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";
 
 export type ServerText = Protocol["server"];
 export type ClientText = Protocol["client"];
+export type Guide = OfferedExercise["guides"][number];
 
 /** A page that was left open while the server was replaced must not guess. */
-export const PROTOCOL: Hello["protocol"] = 3;
+export const PROTOCOL: Hello["protocol"] = 4;
 
 /** One drawn-to-be image with everything that belongs to it. */
 export interface Frame {

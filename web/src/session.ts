@@ -3,22 +3,17 @@
 import { Connection, type Loss } from "./connection";
 import { ACROSS, ALONG, put, read } from "./knobs";
 import { Meter } from "./latency";
+import { Heartbeat } from "./heartbeat";
 import { bounded, letGo } from "./lead";
-import { PROTOCOL, type Command, type Frame, type Geometry, type Hello, type Knob, type Loading, type LoggedEvent, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
+import { PROTOCOL, type ClientText, type Command, type Frame, type Geometry, type Guide, type Hello, type Knob, type Loading, type LoggedEvent, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
 import { Signal } from "./signal";
 import { adopt, limited, same } from "./command";
 import { STILL, turned, unavailable, type TissueSwitch } from "./tissue";
 
 export type Status = "connecting" | "loading" | "live" | "frozen" | "lost";
 
-/** ms without a sign of life before one is asked for, before the image counts as lost, before the socket is given up. */
-const QUIET = 1000;
-const SILENT = 3000;
-const DEAD = 10000;
 /** ms without an image after which a server that is there is said to be at work. */
 const BUSY = 1500;
-/** ms between two looks at the clock that mean the page stood still. */
-const HELD_UP = 500;
 /** At most this many ms apart: the server takes 240 messages a second. */
 const PACE = 8;
 /** How long a reset can be taken back, ms. */
@@ -57,6 +52,12 @@ export class Session {
   readonly statusChanged = new Signal<Status>();
   readonly refused = new Signal<Refused>();
   readonly noticed = new Signal<Notice>();
+  /** What the session itself does not heed. */
+  readonly unheeded = new Signal<ServerText>();
+  /** An attempt is over: pictures are of its recording, and hands move nothing. */
+  reviewing = false;
+  /** Whether what an exercise hid is laid over the pictures of its recording. */
+  truth = true;
   /** Something happened in the tissue, whether or not its frame was sent. */
   readonly happened = new Signal<LoggedEvent>();
 
@@ -71,16 +72,14 @@ export class Session {
   private sent = new Map<number, Command>();
   private lastSent: Command | null = null;
   private lastSentAt = -Infinity;
-  private lastHeard = 0;
-  private pingedAt = 0;
-  private watchedAt = 0;
   private view: View = { grid: false, ahead: 1 };
+  private readonly heart = new Heartbeat();
 
   constructor(private readonly link: Connection) {
     link.opened.on(() => this.restart());
     link.text.on((message) => this.hear(message));
     link.binary.on((message) => {
-      this.lastHeard = performance.now();
+      this.heart.heardAt = performance.now();
       if (message.kind === "geometry") return this.geometry.emit(message.geometry);
       this.pending.push(message.frame);
       this.arrived.emit();
@@ -91,20 +90,29 @@ export class Session {
 
   /** Whether hands move anything: not while frozen, loading or lost, nor before there is a picture to steer by. */
   get answers(): boolean {
-    return this.status === "live" && this.command !== null && this.frame !== null;
+    return this.status === "live" && !this.reviewing && this.command !== null && this.frame !== null;
   }
 
   /** Whether the picture and its numbers are of what is chosen: after a switch they come a moment later. */
   get agrees(): boolean {
     const header = this.frame?.header;
     if (!header) return false;
-    return this.status === "frozen" || (header.model === this.model && header.target.id === this.target);
+    return this.status === "frozen" || (header.model === this.model && (header.target?.id ?? this.target) === this.target);
   }
 
   /** ms since the last image where the server is there but at work; null where all is well. */
   busyFor(now: number): number | null {
     const late = now - this.lastDrawnAt;
-    return this.status === "live" && late > BUSY ? late : null;
+    return this.status === "live" && !this.reviewing && late > BUSY ? late : null;
+  }
+
+  /** Whether something may be shown beside the image. */
+  allows(guide: Guide): boolean {
+    return (this.reviewing && this.truth) || !this.scene?.attempt || this.scene.attempt.exercise.guides.includes(guide);
+  }
+
+  say(message: ClientText): void {
+    this.link.send(message);
   }
 
   /** What the scene says of a knob. */
@@ -151,10 +159,10 @@ export class Session {
   }
 
   toggleFreeze(): void {
-    if (!this.command || !(this.status === "live" || this.status === "frozen")) return;
+    if (!this.command || this.reviewing || !(this.status === "live" || this.status === "frozen")) return;
     this.want({ ...this.command, frozen: !this.command.frozen });
     this.setStatus(this.command.frozen ? "frozen" : "live");
-    this.lastHeard = performance.now();
+    this.heart.heardAt = performance.now();
   }
 
   /** Turn a switch of the tissue's; why it does nothing, where it does nothing. */
@@ -212,7 +220,7 @@ export class Session {
 
   /** Send the command if it changed; called after every touch and in every animation frame. */
   flush(now: number): void {
-    if (!this.command || !this.link.isOpen || !this.scene || now - this.lastSentAt < PACE) return;
+    if (!this.command || !this.link.isOpen || !this.scene || this.reviewing || now - this.lastSentAt < PACE) return;
     if (this.lastSent && same(this.lastSent, this.command)) return;
     this.seq += 1;
     this.link.send({ type: "command", seq: this.seq, ...this.command });
@@ -246,8 +254,9 @@ export class Session {
     const { header } = frame;
     this.frame = frame;
     this.lastDrawnAt = now;
-    this.reconcile(header.seq, header.state);
-    this.setStatus(this.command?.frozen ? "frozen" : "live");
+    if (!header.replay) this.reconcile(header.seq, header.state);
+    else this.commanded.emit((this.command = header.state)); // the hand as a recording has it
+    this.setStatus(this.command?.frozen && !header.replay ? "frozen" : "live");
     this.drawn.emit(frame);
     this.tell(header.log);
     this.meter.frameDrawn(header.seq, performance.now());
@@ -283,7 +292,7 @@ export class Session {
   }
 
   private hear(message: ServerText): void {
-    this.lastHeard = performance.now();
+    this.heart.heardAt = performance.now();
     switch (message.type) {
       case "hello":
         this.hello = message;
@@ -307,16 +316,17 @@ export class Session {
         return this.refuse(message);
       case "notice":
         return this.noticed.emit(message);
-      case "pong":
-        return;
+      default:
+        return this.unheeded.emit(message);
     }
   }
 
   private begin(scene: Scene): void {
     // a server that kept the session says where it is; to one that was started anew the page says where the hand was
-    const again = this.kept && !this.resumed && this.scene?.id === scene.id ? this.command : null;
+    const again = this.kept && !this.resumed && this.scene?.id === scene.id && !scene.attempt ? this.command : null;
     const model = this.model;
     this.scene = scene;
+    this.reviewing = false;
     this.model = scene.model;
     this.target = scene.target;
     this.frame = this.early = this.heard = null;
@@ -346,7 +356,7 @@ export class Session {
     this.sent.clear();
     this.meter.clear();
     this.pending = [];
-    this.lastHeard = performance.now();
+    this.heart.heardAt = performance.now();
   }
 
   private refuse(message: Refused): void {
@@ -367,23 +377,16 @@ export class Session {
   }
 
   private watch(now: number): void {
-    // a page that was held up itself has not read what came meanwhile
-    if (now - this.watchedAt > HELD_UP) this.lastHeard += now - this.watchedAt;
-    this.watchedAt = now;
-    if (document.hidden || this.status !== "live") {
-      if (document.hidden) this.lastHeard = now;
-      if (this.status !== "lost" || !this.link.isOpen) return;
-    }
-    const silent = now - this.lastHeard;
-    if (silent > QUIET && now - this.pingedAt > QUIET) {
-      this.pingedAt = now;
-      this.link.send({ type: "ping" });
-    }
-    if (silent > DEAD) this.link.abandon("no answer");
-    else if (silent > SILENT && this.status === "live") {
-      this.loss = { attempt: 0, nextAt: this.lastHeard + DEAD, reason: "no answer" };
-      this.setStatus("lost");
-    }
+    this.heart.watch(now, {
+      live: this.status === "live",
+      silent: this.status === "lost" && this.link.isOpen,
+      ping: () => this.link.send({ type: "ping" }),
+      abandon: () => this.link.abandon("no answer"),
+      lose: (until) => {
+        this.loss = { attempt: 0, nextAt: until, reason: "no answer" };
+        this.setStatus("lost");
+      },
+    });
   }
 
   private setStatus(status: Status, again = false): void {

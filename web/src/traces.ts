@@ -15,7 +15,7 @@ export class Traces {
   add(model: string, { readouts, pass }: FrameHeader): void {
     if (pass.passes !== this.passes) this.clear();
     this.passes = pass.passes;
-    if (!readouts.hub) return;
+    if (!readouts?.hub) return;
     let trace = this.traces.get(model);
     if (!trace) this.traces.set(model, (trace = []));
     const point = [readouts.depth, readouts.hub.axial_n] as const;

@@ -5,7 +5,7 @@ import { inside, intoSight, needleInImage, pathAhead, reach, skinLine } from "..
 import { parallel, sector } from "../src/image/sector";
 import { chooseLayout, keep, margins } from "../src/layouts";
 import { standApart } from "../src/plotLabels";
-import type { FrameHeader, ProbeOutline, SkinDirections } from "../src/protocol";
+import type { NeedlePlace, ProbeOutline, SkinDirections, TargetPlace } from "../src/protocol";
 
 const raster = { columns: 512, rows: 364, pixel: [0.35, 0.35] as const };
 /** Beams square to an arc of a radius, over an angle; a radius of 0 has them start at one point. */
@@ -109,11 +109,11 @@ describe("needle and skin in the image", () => {
 
   it("ends the path at the point nearest the target, with a tick each 5 mm", () => {
     const header = { needle: { entry: [0, 0, 0], tip: [0, 0, 10], direction: [0, 0, 1] }, target: { id: "t", now: [3, 0, 23], rest: [0, 0, 23] } };
-    const path = pathAhead(header as unknown as FrameHeader, 5);
+    const path = pathAhead(header.needle as NeedlePlace, header.target as TargetPlace, 5);
     expect(path?.end).toEqual([0, 0, 23]);
     expect(path?.ticks).toHaveLength(2);
-    const beyond = { ...header, target: { ...header.target, now: [0, 0, 5] } };
-    expect(pathAhead(beyond as unknown as FrameHeader, 5)).toBeNull();
+    const beyond = { ...header.target, now: [0, 0, 5] };
+    expect(pathAhead(header.needle as NeedlePlace, beyond as TargetPlace, 5)).toBeNull();
   });
 });
 

@@ -1,28 +1,9 @@
 import { beforeEach, describe, expect, it, vi } from "vitest";
-import type { Connection, Loss } from "../src/connection";
-import { PROTOCOL, type Binary, type ClientText, type FrameHeader, type Hello, type Knob, type Scene, type ServerText } from "../src/protocol";
+import type { Connection } from "../src/connection";
+import { PROTOCOL, type FrameHeader, type Hello, type Knob, type Scene } from "../src/protocol";
 import { Session } from "../src/session";
-import { Signal } from "../src/signal";
 import { command, gain, knob, push, slide } from "./knobs";
-
-/** A connection without a socket: what the server says is emitted, what the page says is kept. */
-class Wire {
-  readonly text = new Signal<ServerText>();
-  readonly binary = new Signal<Binary>();
-  readonly opened = new Signal<void>();
-  readonly lost = new Signal<Loss>();
-  readonly broken = new Signal<string>();
-  readonly said: ClientText[] = [];
-  isOpen = true;
-  session: string | null = null;
-
-  send(message: ClientText): boolean {
-    this.said.push(message);
-    return true;
-  }
-
-  settle(): void {}
-}
+import { Wire } from "./wire";
 
 const persistence: Knob = knob("image.persistence", { keys: ["KeyT", "KeyY"], low: 0, high: 4, step: 1, setting: true });
 const start = { ...command, image: { ...command.image, persistence: 1 } };

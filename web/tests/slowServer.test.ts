@@ -10,6 +10,7 @@ import { stopped } from "../src/parts/words";
 import { PROTOCOL, type Binary, type ClientText, type Command, type FrameHeader, type Scene, type ServerText } from "../src/protocol";
 import { Session } from "../src/session";
 import { Signal } from "../src/signal";
+import { Trainer } from "../src/trainer";
 import { command, gain, push, slide } from "./knobs";
 
 const FRAME = 1000 / 60;
@@ -78,7 +79,7 @@ describe("a server that is late", () => {
   const begin = (takes: (frame: number) => number) => {
     const server = new SlowServer(takes);
     const session = new Session(server as unknown as Connection);
-    const desk = new Desk(session);
+    const desk = new Desk(session, new Trainer(session));
     server.opened.emit();
     server.text.emit({ type: "hello", version: "1", protocol: PROTOCOL, scenes: [], session: "key", resumed: false });
     server.text.emit(scene);

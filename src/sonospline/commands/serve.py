@@ -22,6 +22,7 @@ EXAMPLES = """examples:
   sonospline serve --labels organs.nii.gz --names organs.csv --entry-face y+
   sonospline serve --volume us.mha
   sonospline serve --link 18944                           # 3D Slicer sees what the page shows
+  sonospline serve --exercises course --record attempts   # exercises of your own, and every attempt kept
   sonospline serve --host 0.0.0.0 --token "open sesame"   # for others on the network; Ctrl-C ends it
 """
 
@@ -35,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, in which the skin is found")
     what.add_argument("--volume", type=Path, metavar="FILE", help="a real 3-D image of your own, to be cut")
     what.add_argument("--entry-face", metavar="FACE", help="its free face, lattice axis and side; the best one")
+    train = parser.add_argument_group("training")
+    train.add_argument("--exercises", type=Path, metavar="DIR", help="a folder of exercises of your own (.toml)")
+    train.add_argument("--record", type=Path, metavar="DIR", help="a folder to keep the recording of each attempt in")
     where = parser.add_argument_group("server")
     where.add_argument("--port", type=int, default=8765, help="port (8765; 0 for any free one)")
     where.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine alone)")
@@ -131,6 +135,7 @@ def _catalog(args: argparse.Namespace) -> Any:
     from ..server.scene_catalog import Entry, SceneCatalog
     from ..simulator.shipped import SHIPPED
 
+    exercises = _exercises(args)
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]
     if len(given) > 1:
         raise ValueError(f"--{given[0]} and --{given[1]} were both given; give the one to show")
@@ -143,13 +148,27 @@ def _catalog(args: argparse.Namespace) -> Any:
             raise ValueError(f"--{name.replace('_', '-')} belongs to --labels or --volume; a scene file says it itself")
     if args.labels is not None or args.volume is not None:
         path = args.labels or args.volume
-        return SceneCatalog({"own": Entry(_own(args, path), path.parent)})
+        return SceneCatalog({"own": Entry(_own(args, path), path.parent)}, exercises=exercises)
     if args.scene is None or args.scene in SHIPPED:
-        return SceneCatalog(first=args.scene or SHIPPED[0])
+        return SceneCatalog(first=args.scene or SHIPPED[0], exercises=exercises)
     path = Path(args.scene)
     if path.suffix != ".toml":
         raise ValueError(f"--scene = {args.scene!r} is not known; give {', '.join(SHIPPED)}, or a .toml file")
-    return SceneCatalog({path.stem: Entry(simulator.SceneFile.read(path), path.parent)}, first=path.stem)
+    own = {path.stem: Entry(simulator.SceneFile.read(path), path.parent)}
+    return SceneCatalog(own, first=path.stem, exercises=exercises)
+
+
+def _exercises(args: argparse.Namespace) -> Any:
+    """Those of a folder before the shipped ones, and where attempts are written down."""
+    from ..server.attempt_recording import Recordings
+    from ..server.exercise_catalog import ExerciseCatalog, read_folder
+
+    if args.record is not None:
+        from .._extras import require
+
+        require("mcap")
+    own = None if args.exercises is None else read_folder(args.exercises)
+    return ExerciseCatalog(own, recordings=Recordings(args.record))
 
 
 def _own(args: argparse.Namespace, path: Path) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -49,7 +50,7 @@ class PageLink:
 
     def __init__(self, *, port: int = PORT, host: str = "127.0.0.1", names: ScannerNames | None = None) -> None:
         self._lock = threading.Lock()
-        self._shown: Runner | None = None
+        self._shown: Runner[Any] | None = None
         self._last: tuple[ConsoleFrame, Stamp] | None = None
         self._watched: list[Subscription] = []
         self._due = 0.0
@@ -60,7 +61,7 @@ class PageLink:
         """Who is connected."""
         return self.station.server
 
-    def watch(self, runner: Runner) -> Subscription:
+    def watch(self, runner: Runner[Any]) -> Subscription:
         """Show a session's frames from now on, when it is its turn, until it ends."""
         subscription = runner.subscribe(
             lambda frame, stamp: self._take(runner, frame, stamp), ready=lambda: bool(self.server.clients)
@@ -147,7 +148,7 @@ class PageLink:
             raise ValueError("no page is open; open one, and it can be moved")
         return self._last
 
-    def _take(self, runner: Runner, frame: ConsoleFrame, stamp: Stamp) -> None:
+    def _take(self, runner: Runner[Any], frame: ConsoleFrame, stamp: Stamp) -> None:
         """Show a frame, no more often than asked for: one that comes meanwhile waits, and the newest wins."""
         with self._lock:
             if self._shown is None or not self._shown.alive:

@@ -92,6 +92,33 @@ class Restore(ClientMessage, frozen=True, kw_only=True):
     """Undo a reset."""
 
 
+class ListExercises(ClientMessage, frozen=True, kw_only=True):
+    """Asks which exercises there are."""
+
+
+class BeginAttempt(ClientMessage, frozen=True, kw_only=True):
+    """Begin an attempt at an exercise; what runs is given up."""
+
+    exercise: Annotated[Text, about("id of one of those on offer")]
+    seed: (
+        Annotated[int, about("of the start, for the same one again; by default drawn", low=0, high=2**32 - 1)] | None
+    ) = None
+
+
+class OnTarget(ClientMessage, frozen=True, kw_only=True):
+    """The trainee says that the needle is on target: the attempt ends."""
+
+
+class GiveUp(ClientMessage, frozen=True, kw_only=True):
+    """The trainee gives the attempt up."""
+
+
+class ShowStep(ClientMessage, frozen=True, kw_only=True):
+    """In a debrief: show a step of the recording; the newest one counts."""
+
+    step: Annotated[int, about("its place in the recording", low=0, high=MOST_SEQ)]
+
+
 class View(ClientMessage, frozen=True, kw_only=True):
     """What the page shows, and how."""
 
@@ -105,7 +132,7 @@ class Ping(ClientMessage, frozen=True, kw_only=True):
 
 Message = (
     CommandMessage | Drawn | ChooseModel | ChooseScene | OpenScene | ChooseTarget | UndoPass | Reset | Restore | View
-    | Ping
+    | ListExercises | BeginAttempt | OnTarget | GiveUp | ShowStep | Ping
 )  # fmt: skip
 
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}

@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 import time
 from operator import methodcaller
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from .. import models
-from ..io.records import FieldError
 from . import client_messages as heard
 from . import server_messages as said
 from .client_messages import MessageError
@@ -17,12 +16,14 @@ from .kept_session import Kept
 from .live_session import LiveSession, Watch
 from .outbox import Outbox
 from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
+from .review import Review
 from .scene_catalog import SceneCatalog
 from .scene_loader import SceneLoader
 from .sender import Sender
 
 if TYPE_CHECKING:
-    from ..simulator.console import Console
+    from .live_attempt import LiveAttempt
+    from .stage import Stage
 
 POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
@@ -56,6 +57,7 @@ class Connection:
         self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
         self._loader = SceneLoader(catalog, self._sender, self._refuse, self._replace)
         self._live: LiveSession | None = None
+        self._review: Review | None = None
         self._flow, self._limits = FrameFlow(), RateLimits()
         self._seq = -1
         self._busy_at = time.monotonic()
@@ -70,18 +72,22 @@ class Connection:
         if kept is None:
             self._loader.load(self._catalog.first)
         else:
-            self._start(kept.scene, kept.console)
+            self._start(kept.scene, kept.stage)
 
     async def close(self) -> Kept | None:
         """End the session's thread; return the session where it is worth to be kept."""
         await self._loader.close()
-        live = await self._end()
+        live, review = await self._end(), self._review
+        if review is not None:
+            await review.end()
         over = self.verdict.done() and self.verdict.result().code != TAKEN_OVER
         if live is None or over:
+            if live is not None:
+                live.stage.close()
             self._catalog.release_memory()
             return None
-        live.console.pause()
-        return Kept(live.name, live.console)
+        live.stage.pause()
+        return Kept(live.name, live.stage)
 
     def end(self, verdict: Verdict) -> None:
         """Have the client hung up on."""
@@ -123,11 +129,23 @@ class Connection:
             case heard.ChooseTarget():
                 self._aim(message.id)
             case heard.UndoPass():
-                self._ready("message").act(methodcaller("undo_pass"))
+                self._practice("undo_pass").act(lambda stage: stage.console.undo_pass())
             case heard.Reset():
-                self._ready("message").act(methodcaller("reset"))
+                self._practice("reset").act(lambda stage: stage.console.reset())
             case heard.Restore():
-                self._ready("message").act(methodcaller("restore"))
+                self._practice("restore").act(lambda stage: stage.console.restore())
+            case heard.ListExercises():
+                self._sender.say(self._catalog.exercises.offer)
+            case heard.BeginAttempt():
+                self._begin(message.exercise, message.seed)
+            case heard.OnTarget():
+                self._attempt("on_target").act(methodcaller("say_on_target"))
+            case heard.GiveUp():
+                self._attempt("give_up").act(methodcaller("give_up"))
+            case heard.ShowStep():
+                if self._review is None:
+                    raise MessageError("show_step", "came while nothing is replayed; end an attempt first")
+                self._review.show(message.step)
             case heard.ChooseScene():
                 if message.id not in self._catalog.scenes:
                     known = ", ".join(self._catalog.scenes)
@@ -143,39 +161,87 @@ class Connection:
         live = self._ready("command", seq)
         try:
             live.submit(message.command, seq)
-        except FieldError as error:
+        except ValueError as error:
             raise MessageError("command", str(error), seq) from None
         self._seq = seq
+
+    def _begin(self, exercise: str, seed: int | None) -> None:
+        known = self._catalog.exercises.entries
+        if exercise not in known:
+            names = ", ".join(known)
+            raise MessageError("begin_attempt", f"exercise = {exercise[:40]!r} is not known; choose one of {names}")
+        self._loader.attempt(exercise, seed)
 
     def _switch(self, model: str) -> None:
         known = models.names()
         if model not in known:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(known)}")
-        self._ready("message").act(lambda console: console.session.switch(model))
+        self._practice("model").act(lambda stage: stage.console.session.switch(model))
         self._sender.say(said.ModelMessage(model=model))
 
     def _aim(self, target: str) -> None:
-        live = self._ready("target")
+        live = self._practice("target")
         targets = live.console.scene.targets
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
-        live.act(lambda console: console.session.choose_target(target))
+        live.act(lambda stage: stage.console.session.choose_target(target))
         self._sender.say(said.TargetMessage(id=target))
 
     def _ready(self, what: str, seq: int | None = None) -> LiveSession:
         if self._live is None or self._live.ended:
-            raise MessageError(what, "came while the scene is loading; wait for the scene message", seq)
+            raise MessageError(what, f"came while {self._why_not_live()}", seq)
         return self._live
 
-    async def _replace(self, name: str, console: Console) -> None:
-        """Let a new scene take the place of the present one."""
-        await self._end()
-        self._catalog.release_memory()
-        self._start(name, console)
+    def _why_not_live(self) -> str:
+        if self._review is not None:
+            return "an attempt is talked about; begin another one, or choose a scene"
+        return "the scene is loading; wait for the scene message"
 
-    def _start(self, name: str, console: Console) -> None:
+    def _practice(self, what: str) -> LiveSession:
+        """The session, where nothing is asked of the hand."""
+        live = self._ready(what)
+        if live.stage.exercise is not None:
+            raise MessageError(what, "is not part of an exercise; give up first")
+        return live
+
+    def _attempt(self, what: str) -> LiveSession:
+        """The session of an attempt."""
+        live = self._ready(what)
+        if live.stage.exercise is None:
+            raise MessageError(what, "came while no exercise runs; begin one")
+        return live
+
+    async def _replace(self, name: str, stage: Stage) -> None:
+        """Let something new take the place of what a page worked on."""
+        live = await self._end()
+        if live is not None:
+            live.stage.close()
+        if self._review is not None:
+            await self._review.end()
+            self._review = None
+        self._catalog.release_memory()
+        self._start(name, stage)
+
+    def _start(self, name: str, stage: Stage) -> None:
         self._busy_at = time.monotonic()
-        self._live = LiveSession(name, console, self._flow, self._sender, self._catalog, self._watch)
+        if stage.exercise is None:
+            self._sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start))
+            self._live = LiveSession(name, stage, self._flow, self._sender, self._catalog, self._watch)
+            return
+        attempt = cast("LiveAttempt", stage)
+        offered = next(one for one in self._catalog.exercises.offer.offered if one.id == attempt.exercise)
+        running = said.RunningAttempt(exercise=offered, seed=attempt.attempt.seed, recorded=attempt.recording.problem)
+        self._sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start, running))
+        self._live = live = LiveSession(name, stage, self._flow, self._sender, self._catalog)
+        attempt.recording.on_problem = self._sender.report
+        attempt.on_end = lambda: self._sender.call(self._talk_about, live)
+        if attempt.over:
+            self._talk_about(live)
+
+    def _talk_about(self, live: LiveSession) -> None:
+        """An attempt has come to its end."""
+        if live is self._live and self._review is None:
+            self._review = Review(live, cast("LiveAttempt", live.stage), self._catalog, self._flow, self._sender)
 
     async def _end(self) -> LiveSession | None:
         live = self._live

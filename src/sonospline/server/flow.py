@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from . import wire
 from .client_messages import MessageError
+from .server_messages import Guide
+from .wire import PassSummary, ReplayedStep
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,8 +19,10 @@ if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
     from ..simulator.stamp import Stamp
+    from .stage import Stage
 
 MESH_HZ = 15.0
+EVERYTHING: frozenset[Guide] = frozenset(get_args(Guide))
 
 
 class FrameFlow:
@@ -65,14 +69,24 @@ class FrameFlow:
         while self._flying and self._flying[0] <= frame:
             self._flying.popleft()
 
-    def encode(self, scene: Scene, shown: ConsoleFrame, stamp: Stamp) -> bytes:
+    def encode(self, stage: Stage, shown: ConsoleFrame, stamp: Stamp) -> bytes:
         """Return the message of a picture."""
-        positions = self._positions(scene, shown)
+        positions = self._positions(stage.console.scene, shown)
         self._frames += 1
         self._flying.append(self._frames)
         return wire.frame(
-            shown, number=self._frames, seq=stamp.seq, positions=positions,
+            shown, number=self._frames, seq=stamp.seq, guides=stage.guides, summary=stage.summary(shown),
+            positions=positions,
             grid=positions is not None and self._sent_grid, server_ms=1e3 * (time.perf_counter() - stamp.since),
+        )  # fmt: skip
+
+    def encode_replayed(self, shown: ConsoleFrame, replay: ReplayedStep, *, passes: int) -> bytes:
+        """Return the message of a picture of a recording, with everything that was hidden while it was made."""
+        self._frames += 1
+        self._flying.append(self._frames)
+        summary = PassSummary(time_s=replay.time_s, passes=passes, path_mm=None, blind_mm=None)
+        return wire.frame(
+            shown, number=self._frames, seq=0, guides=EVERYTHING, summary=summary, replay=replay
         )  # fmt: skip
 
     @property

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from ..simulator.console import Console
+    from .stage import Stage
 
 
 class Kept(NamedTuple):
     """A session nobody is connected to."""
 
     scene: str
-    console: Console
+    stage: Stage

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..simulator.runner import Runner
 from ..simulator.stamp import Stamp
@@ -13,16 +13,15 @@ from .client_messages import MessageError
 from .flow import FrameFlow
 from .scene_catalog import SceneCatalog
 from .sender import Sender
-from .server_messages import SceneMessage
 
 if TYPE_CHECKING:
     from ..simulator.command import Command
-    from ..simulator.console import Console
     from ..simulator.console_frame import ConsoleFrame
+    from .stage import Stage
 
 logger = logging.getLogger(__name__)
 
-Watch = Callable[[Runner], object]
+Watch = Callable[[Runner[Any]], object]
 """Called with the runner of every session, by whoever else shows it."""
 
 _POLL_S = 0.005
@@ -37,8 +36,8 @@ class LiveSession:
     ----------
     name : str
         Id of its scene.
-    console : Console
-        Touched by its own thread alone from now on.
+    stage : Stage
+        What it works on: touched by its own thread alone from now on.
     flow : FrameFlow
         Numbers and credit of the page's frames; they go on from scene to scene.
     sender : Sender
@@ -50,16 +49,16 @@ class LiveSession:
     """
 
     def __init__(
-        self, name: str, console: Console, flow: FrameFlow, sender: Sender, catalog: SceneCatalog, watch: Watch | None
-    ) -> None:
-        self.name, self.console = name, console
+        self, name: str, stage: Stage, flow: FrameFlow, sender: Sender, catalog: SceneCatalog,
+        watch: Watch | None = None,
+    ) -> None:  # fmt: skip
+        self.name, self.stage, self.console = name, stage, stage.console
         self._flow, self._sender, self._catalog = flow, sender, catalog
         self._showing: asyncio.Task[None] | None = None
         self.ended = False
         """Whether it takes nothing any more."""
-        flow.begin(console)
-        sender.say(SceneMessage.of(name, console))
-        self._runner = Runner(console)
+        flow.begin(self.console)
+        self._runner = Runner(stage)
         self._frames = self._runner.subscribe(self._deliver, on_error=sender.report, ready=flow.may_send, quick=True)
         if watch is not None:
             watch(self._runner)
@@ -69,14 +68,14 @@ class LiveSession:
 
         Raises
         ------
-        FieldError
-            One beyond the scene's limits.
+        ValueError
+            One beyond the scene's limits, or not part of an exercise.
         """
-        self.console.scene.check(command)
+        self.stage.check(command)
         self._runner.submit(command, seq)
 
-    def act(self, action: Callable[[Console], object]) -> None:
-        """Have something else done to the console.
+    def act(self, action: Callable[[Stage], object]) -> None:
+        """Have something else done to the stage.
 
         Raises
         ------
@@ -107,7 +106,7 @@ class LiveSession:
 
     def _deliver(self, frame: ConsoleFrame, stamp: Stamp) -> None:
         """Encode a frame; in the session's thread."""
-        self._sender.call(self._sender.put, self._flow.encode(self.console.scene, frame, stamp))
+        self._sender.call(self._sender.put, self._flow.encode(self.stage, frame, stamp))
         if self._flow.at_first:  # nothing shall keep the first picture waiting
             self._sender.call(self._show, stamp)
 
@@ -116,6 +115,9 @@ class LiveSession:
             self._showing = asyncio.create_task(self._bring_meshes())
 
     async def _bring_meshes(self) -> None:
+        if "3-D view" not in self.stage.guides:
+            self._catalog.prepare_push(self.console, lambda: not self.ended)
+            return
         try:
             made = self._catalog.geometry(self.console, lambda: not self.ended)
             geometry = await asyncio.wrap_future(made)
@@ -128,5 +130,5 @@ class LiveSession:
         self._runner.do(_nothing)  # where nothing moves, the positions come by one more frame
 
 
-def _nothing(console: Console) -> None:
-    """Ask nothing of a console but another frame."""
+def _nothing(stage: Stage) -> None:
+    """Ask nothing of a stage but another frame."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import secrets
 import time
 import weakref
 from collections import OrderedDict
@@ -15,9 +16,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from .. import simulator
 from ..simulator.shipped import SHIPPED
 from . import wire
+from .exercise_catalog import ExerciseCatalog
 from .memory_release import release_memory
 from .server_messages import PROTOCOL, Hello, OfferedScene
 from .worker import Worker
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..simulator.scene import Scene
     from ..simulator.scene_file import SceneFile
+    from .live_attempt import LiveAttempt
+    from .practice import Practice
 
 Progress = Callable[[float], None]
 Wanted = Callable[[], bool]
@@ -53,13 +59,19 @@ class SceneCatalog:
         Scenes of the user's, before the shipped ones.
     first : str, optional
         The scene a new page shows; by default the first.
+    exercises : ExerciseCatalog, optional
+        Exercises; by default the shipped ones.
     """
 
-    def __init__(self, own: dict[str, Entry] | None = None, *, first: str | None = None) -> None:
+    def __init__(
+        self, own: dict[str, Entry] | None = None, *, first: str | None = None,
+        exercises: ExerciseCatalog | None = None,
+    ) -> None:  # fmt: skip
         self._own = own or {}
+        self.exercises = ExerciseCatalog() if exercises is None else exercises
         self.first = next(iter((*self._own, *SHIPPED))) if first is None else first
-        self._made: OrderedDict[str, Scene] = OrderedDict()
-        self._prepared: Console | None = None
+        self._made: OrderedDict[tuple[bytes, Path], Scene] = OrderedDict()
+        self._prepared: Practice | None = None
         self._waiting: list[Progress] = []
         # Scenes are made one after the other: two at once would take the machine from sessions that run. But what a
         # page brings along may take long, and holds up nobody who wants a scene on offer.
@@ -89,8 +101,8 @@ class SceneCatalog:
         """Begin to make the first scene and its first picture before anybody asks."""
         self._offered.submit(self._prepare)
 
-    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Console]:
-        """Return a new console on a scene, its first picture made, once it is there.
+    def order(self, name: str, text: str | None, progress: Progress, wanted: Wanted = lambda: True) -> Future[Practice]:
+        """Return free practice on a scene, its first picture made, once it is there.
 
         Parameters
         ----------
@@ -115,14 +127,38 @@ class SceneCatalog:
         future.add_done_callback(lambda done: self._waiting.remove(progress) if progress in self._waiting else None)
         return future
 
+    def order_attempt(self, name: str, seed: int | None, progress: Progress) -> Future[LiveAttempt]:
+        """Return an attempt at an exercise on offer, its first picture made, once it is there.
+
+        Parameters
+        ----------
+        name : str
+            Id of the exercise.
+        seed : int, optional
+            Of its start; by default drawn.
+        progress : callable
+            Called with the share done, from another thread.
+
+        Raises
+        ------
+        ValueError
+            By the future: an exercise that does not fit its scene, or a scene that cannot be made.
+        """
+        return self._offered.submit(self._begin, name, secrets.randbelow(2**32) if seed is None else seed, progress)
+
     def geometry(self, console: Console, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
         scene = console.scene
         worker = self._brought if scene in self._brought_scenes else self._offered
         made = worker.submit(wire.geometry, scene)
-        for preparation in (console.warm_up, scene.prepare):
-            worker.submit(_if_wanted, wanted, preparation)
+        self.prepare_push(console, wanted)
         return made
+
+    def prepare_push(self, console: Console, wanted: Wanted = lambda: True) -> None:
+        """Make what a push will need."""
+        worker = self._brought if console.scene in self._brought_scenes else self._offered
+        for preparation in (console.warm_up, console.scene.prepare):
+            worker.submit(_if_wanted, wanted, preparation)
 
     def release_memory(self) -> None:
         """Give back the memory of sessions that ended, in a thread that makes scenes."""
@@ -134,11 +170,12 @@ class SceneCatalog:
         """Drop what waits, and wait a while for what is in work; return whether all of it has ended."""
         end = time.monotonic() + within_s
         ended = [worker.close(max(0.0, end - time.monotonic())) for worker in (self._offered, self._brought)]
+        self.exercises.close()
         return all(ended)
 
     def _prepare(self) -> None:
         try:
-            self._prepared = _console(self._scene(self.first, self._pass_on), self._pass_on)
+            self._prepared = _practice(self._scene(self.scenes[self.first], self._pass_on), self._pass_on)
         except Exception as error:  # said to the first page that asks
             logger.warning("scene %s could not be made: %s", self.first, error)
 
@@ -146,25 +183,36 @@ class SceneCatalog:
         for progress in tuple(self._waiting):
             progress(share)
 
-    def _deliver(self, name: str, progress: Progress) -> Console:
+    def _deliver(self, name: str, progress: Progress) -> Practice:
         self._waiting.remove(progress)
         if name == self.first and self._prepared is not None:
             prepared, self._prepared = self._prepared, None
             return prepared
-        return _console(self._scene(name, progress), progress)
+        return _practice(self._scene(self.scenes[name], progress), progress)
 
-    def _scene(self, name: str, progress: Progress) -> Scene:
+    def _begin(self, name: str, seed: int, progress: Progress) -> LiveAttempt:
+        from .live_attempt import LiveAttempt
+
+        entry = self.exercises.entries[name]
+        exercise, folder = entry.exercise, entry.folder
+        scene = self._scene(Entry(exercise.scene_file(folder), folder), progress)
+        attempt = LiveAttempt(name, exercise, scene, seed, self.exercises.recordings.new(name, seed))
+        progress(1.0)
+        return attempt
+
+    def _scene(self, entry: Entry, progress: Progress) -> Scene:
+        """The scene of a file; exercises in one scene share it."""
         from ..simulator.scene_maker import make_scene
 
-        if name not in self._made:
-            entry = self.scenes[name]
-            self._made[name] = make_scene(entry.spec, folder=entry.folder, progress=progress)
-        self._made.move_to_end(name)
+        key = msgspec.json.encode(entry.spec), entry.folder
+        if key not in self._made:
+            self._made[key] = make_scene(entry.spec, folder=entry.folder, progress=progress)
+        self._made.move_to_end(key)
         while len(self._made) > _KEPT:
             self._made.popitem(last=False)
-        return self._made[name]
+        return self._made[key]
 
-    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Console:
+    def _make_brought(self, name: str, text: str, progress: Progress, wanted: Wanted) -> Practice:
         from ..simulator.scene_maker import make_scene
         from .file_access import refuse_elsewhere
 
@@ -178,7 +226,7 @@ class SceneCatalog:
         refuse_elsewhere(spec)
         scene = make_scene(spec, progress=go_on)
         self._brought_scenes.add(scene)
-        return _console(scene, go_on)
+        return _practice(scene, go_on)
 
 
 class DroppedError(Exception):
@@ -194,11 +242,12 @@ def _if_wanted(wanted: Wanted, preparation: Callable[[], None]) -> None:
         logger.warning("the scene cannot be made ready for a push: %s", error)
 
 
-def _console(scene: Scene, progress: Progress) -> Console:
+def _practice(scene: Scene, progress: Progress) -> Practice:
     from ..simulator.console import Console  # here, so that the page can be opened before it is loaded
     from ..simulator.session import Session
+    from .practice import Practice
 
-    console = Console(Session(scene))
-    console.step()
+    practice = Practice(Console(Session(scene)))
+    practice.step()
     progress(1.0)
-    return console
+    return practice

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Protocol
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, Protocol
 
 from .. import simulator
 from .client_messages import MessageError
@@ -14,9 +15,12 @@ from .sender import Sender
 from .server_messages import Loading
 
 if TYPE_CHECKING:
-    from ..simulator.console import Console
+    from .stage import Stage
 
 logger = logging.getLogger(__name__)
+
+Order = Callable[[Callable[[float], None]], Future[Any]]
+"""Orders something, with what is to be called with the share done."""
 
 
 class Refuse(Protocol):
@@ -26,7 +30,7 @@ class Refuse(Protocol):
 
 
 class SceneLoader:
-    """Orders sessions of scenes, tells the page how far they are, and refuses what cannot be made.
+    """Orders practice and attempts, tells the page how far they are, and refuses what cannot be made.
 
     Parameters
     ----------
@@ -37,11 +41,11 @@ class SceneLoader:
     refuse : callable
         Called with what is wrong.
     ready : coroutine function
-        Called with the id of a scene and its session, once it is made.
+        Called with the id of a scene or an exercise and what a page works on, once it is made.
     """
 
     def __init__(
-        self, catalog: SceneCatalog, sender: Sender, refuse: Refuse, ready: Callable[[str, Console], Awaitable[None]]
+        self, catalog: SceneCatalog, sender: Sender, refuse: Refuse, ready: Callable[[str, Stage], Awaitable[None]]
     ) -> None:
         self._catalog, self._sender, self._refuse, self._ready = catalog, sender, refuse, ready
         self._task: asyncio.Task[None] | None = None
@@ -60,10 +64,26 @@ class SceneLoader:
         MessageError
             Another one is loading.
         """
-        if self.busy:
-            raise MessageError("scene", "came while another one is loading; wait for it")
-        self._sender.say(self._progress(name, 0.0))
-        self._task = asyncio.create_task(self._bring(name, text))
+        self._start(
+            "scene",
+            name,
+            self._catalog.title(name),
+            name if text is not None else None,
+            lambda progress: self._catalog.order(name, text, progress, lambda: not self._closed),
+        )
+
+    def attempt(self, name: str, seed: int | None) -> None:
+        """Begin to make an attempt at an exercise on offer.
+
+        Raises
+        ------
+        MessageError
+            Something else is loading.
+        """
+        title = self._catalog.exercises.entries[name].exercise.name
+        self._start(
+            "begin_attempt", name, title, None, lambda progress: self._catalog.order_attempt(name, seed, progress)
+        )
 
     async def close(self) -> None:
         """Want no scene any more."""
@@ -72,23 +92,27 @@ class SceneLoader:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
 
-    async def _bring(self, name: str, text: str | None) -> None:
-        file = name if text is not None else None
+    def _start(self, what: str, name: str, title: str, file: str | None, order: Order) -> None:
+        if self.busy:
+            raise MessageError(what, "came while a scene is loading; wait for it")
+
+        def said(share: float) -> Loading:
+            return Loading(scene=name, name=title, share=share)
+
+        self._sender.say(said(0.0))
+        self._task = asyncio.create_task(
+            self._bring(what, name, file, lambda: order(lambda share: self._sender.say_from_thread(said(share))))
+        )
+
+    async def _bring(self, what: str, name: str, file: str | None, order: Callable[[], Future[Any]]) -> None:
         try:
-            ordered = self._catalog.order(
-                name, text, lambda share: self._sender.say_from_thread(self._progress(name, share)),
-                lambda: not self._closed,
-            )  # fmt: skip
-            console = await asyncio.wrap_future(ordered)
+            stage = await asyncio.wrap_future(order())
         except simulator.SceneError as error:
-            self._refuse("scene", error.problem, file=error.file, line=error.line)
+            self._refuse(what, error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
-            self._refuse("scene", str(error), file=file)
+            self._refuse(what, str(error), file=file)
         except Exception as error:
             logger.exception("scene %s could not be made", name)
-            self._refuse("scene", f"could not be made ({error})", file=file)
+            self._refuse(what, f"could not be made ({error})", file=file)
         else:
-            await self._ready(name, console)
-
-    def _progress(self, name: str, share: float) -> Loading:
-        return Loading(scene=name, name=self._catalog.title(name), share=share)
+            await self._ready(name, stage)

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..ultrasound.probe import Probe
 
-PROTOCOL: Literal[3] = 3
+PROTOCOL: Literal[4] = 4
 
 Vector = tuple[float, float, float]
+Guide = Literal["path", "target", "tip", "numbers", "3-D view"]
+"""What may be shown beside the image, as exercises call it."""
 
 
 class ServerMessage(Struct, frozen=True, tag=snake_case):
@@ -36,7 +38,7 @@ class Hello(ServerMessage, frozen=True, kw_only=True):
     """The first message."""
 
     version: str
-    protocol: Literal[3]
+    protocol: Literal[4]
     scenes: tuple[OfferedScene, ...]
     session: str
     """The key with which a page comes back to its session."""
@@ -84,6 +86,13 @@ class OfferedModel(Choice, frozen=True, kw_only=True):
     """Whether seconds matter to it."""
 
 
+class OfferedTarget(Choice, frozen=True, kw_only=True):
+    """A target that can be chosen."""
+
+    at: Vector | None
+    """Where it is in tissue at rest, RAS mm; None where that may not be shown."""
+
+
 class ProbeOutline(Struct, frozen=True, kw_only=True):
     """What a probe looks like and sees, in its own frame: x right, y deep, origin in the middle of its face; mm."""
 
@@ -103,6 +112,54 @@ class NeedleOutline(Struct, frozen=True, kw_only=True):
     length_mm: float
 
 
+class Zone(Struct, frozen=True, kw_only=True):
+    """Where the needle may enter, mm along and across the image."""
+
+    u: tuple[float, float]
+    v: tuple[float, float]
+
+
+class OfferedMark(Struct, frozen=True, kw_only=True):
+    """What a metric has to be to pass."""
+
+    metric: str
+    unit: str
+    least: float | None
+    most: float | None
+
+
+class OfferedExercise(Struct, frozen=True, kw_only=True):
+    """An exercise that can be chosen, as its briefing says it."""
+
+    id: str
+    name: str
+    description: str
+    level: int
+    target: str
+    guides: tuple[Guide, ...]
+    forbidden: tuple[str, ...]
+    breathes: bool
+    time_limit_s: float
+    most_passes: int
+    zone: Zone | None
+    marks: tuple[OfferedMark, ...]
+
+
+class Exercises(ServerMessage, frozen=True, kw_only=True):
+    """Those on offer."""
+
+    offered: tuple[OfferedExercise, ...]
+
+
+class RunningAttempt(Struct, frozen=True, kw_only=True):
+    """The attempt that a scene is worked in."""
+
+    exercise: OfferedExercise
+    seed: int
+    recorded: str
+    """Why it is not recorded; empty where it is."""
+
+
 class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     """What a page has to know of a scene before its first frame."""
 
@@ -114,8 +171,10 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     model: str
     probe: ProbeOutline
     needle: NeedleOutline
-    targets: tuple[Choice, ...]
+    targets: tuple[OfferedTarget, ...]
     target: str
+    attempt: RunningAttempt | None
+    """None in free practice."""
     breathes: bool
     """Whether its file says how breathing moves it."""
     tolerance_mm: float
@@ -127,9 +186,12 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     """Where the scene starts."""
 
     @classmethod
-    def of(cls, id: str, console: Console) -> SceneMessage:
-        """Return what is to be said of a console's scene."""
+    def of(
+        cls, id: str, console: Console, state: Command, start: Command, attempt: RunningAttempt | None = None
+    ) -> SceneMessage:
+        """Return what is to be said of the scene that a page works on."""
         scene, spec = console.scene, console.scene.spec
+        shown = attempt is None
         right, depth, out, origin = (
             tuple(v.tolist()) for v in (scene.frame.right, scene.frame.depth, scene.frame.out, scene.frame.origin)
         )
@@ -140,9 +202,14 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
             models=tuple(_offered(name) for name in models.names()),
             model=console.session.model,
             probe=outline(spec.probe.name, scene.probe), needle=NeedleOutline(length_mm=spec.needle.length_mm),
-            targets=tuple(Choice(id=name, name=name.capitalize()) for name in scene.targets),
+            targets=tuple(
+                OfferedTarget(id=name, name=name.capitalize(), at=tuple(at.tolist()) if shown else None)
+                for name, at in scene.targets.items()
+            ),
+            attempt=attempt,
             target=console.session.target, breathes=spec.breathing is not None,
-            tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=console.command, start=scene.start,
+            tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=state,
+            start=start,
         )  # fmt: skip
 
 
@@ -179,7 +246,81 @@ class Pong(ServerMessage, frozen=True, kw_only=True):
     """A sign of life."""
 
 
-Said = Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Refused | Notice | Pong
+class ExpertBand(Struct, frozen=True, kw_only=True):
+    """What attempts of an expert have reached in a metric."""
+
+    mean: float
+    deviation: float
+    low: float
+    high: float
+    attempts: int
+
+
+class MeasuredMetric(Struct, frozen=True, kw_only=True):
+    """A metric of an attempt; numbers that are not known are none."""
+
+    name: str
+    unit: str
+    better: Literal["less", "more", "neither"]
+    definition: str
+    source: str
+    value: float | None
+    least: float | None
+    most: float | None
+    """What it has to be, where the exercise says so."""
+    passed: bool | None
+    band: ExpertBand | None
+    z: float | None
+    """Deviations from the expert's mean; None where all of the expert's attempts were alike."""
+
+
+class Happened(Struct, frozen=True, kw_only=True):
+    """Something that happened in an attempt."""
+
+    time_s: float
+    kind: Literal["skin", "out", "tissue", "blind", "back", "end"]
+    text: str
+    until_s: float | None
+    """When it ended, where it lasted."""
+
+
+class Course(Struct, frozen=True, kw_only=True):
+    """An attempt over its time; lengths in mm, places to the right, deeper and away from the viewer."""
+
+    time_s: tuple[float, ...]
+    depth: tuple[float, ...]
+    out_of_plane: tuple[float | None, ...]
+    """Of the tip, towards the viewer is plus; none while the needle is out."""
+    half_slice: tuple[float | None, ...]
+    to_target: tuple[float | None, ...]
+    force: tuple[float | None, ...]
+    tip: tuple[Vector | None, ...]
+    entry: tuple[Vector | None, ...]
+    target: tuple[Vector, ...]
+    step: tuple[int, ...]
+    """The step of the recording that shows each."""
+
+
+class Debrief(ServerMessage, frozen=True, kw_only=True):
+    """What an attempt came to; the geometry may follow, and frames of its replay at ``show_step``."""
+
+    exercise: OfferedExercise
+    seed: int
+    ended: Literal["on target", "given up", "time is up", "too many passes"]
+    passed: bool
+    story: tuple[str, ...]
+    metrics: tuple[MeasuredMetric, ...]
+    band: str
+    """How the expert's band was made; empty where there is none."""
+    happened: tuple[Happened, ...]
+    course: Course
+    steps: int
+    """Of the recording that can be replayed; 0 where there is none."""
+    problem: str
+    """Why there is none, or why frames may differ; empty where all is well."""
+
+
+Said = Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Exercises | Debrief | Refused | Notice | Pong
 
 
 def _offered(name: str) -> OfferedModel:

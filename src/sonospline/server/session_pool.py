@@ -66,7 +66,7 @@ class SessionPool:
             self._forget(key)
 
     def _forget(self, key: str) -> None:
-        del self._kept[key]
+        self._kept.pop(key).stage.close()
         self._forgotten()
 
 

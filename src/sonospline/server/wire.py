@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..simulator.command import Command
 from ..simulator.logged_event import LoggedEvent
 from ..simulator.readouts import Blocked, Readouts
-from .server_messages import Vector
+from .server_messages import Guide, Vector
 
 if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ..simulator.surfaces import Mesh
 
 FRAME, GEOMETRY = 1, 2
+KNOW_THE_NEEDLE: frozenset[Guide] = frozenset({"path", "tip", "3-D view"})
+KNOW_THE_TARGET: frozenset[Guide] = frozenset({"path", "target", "3-D view"})
 
 Matrix = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float, float, float, float
@@ -45,12 +47,23 @@ class TargetPlace(Struct, frozen=True, kw_only=True):
 
 
 class PassSummary(Struct, frozen=True, kw_only=True):
-    """The present pass, or the last one."""
+    """The present pass, or the last one; in an attempt all of it."""
 
     time_s: float
     passes: int
-    tip_path_mm: float
-    max_off_plane_mm: float
+    path_mm: float | None
+    """Length of the way of the tip; None before it is measured, or where it may not be shown."""
+    blind_mm: float | None
+    """By how much the needle was advanced with its tip out of plane."""
+
+
+class ReplayedStep(Struct, frozen=True, kw_only=True):
+    """Which step of a recording a frame shows."""
+
+    step: int
+    time_s: float
+    same: bool
+    """Whether every pixel is the recorded one."""
 
 
 class FrameHeader(Struct, frozen=True, kw_only=True):
@@ -74,12 +87,15 @@ class FrameHeader(Struct, frozen=True, kw_only=True):
     """The bone that blocks the needle, as the label map calls it."""
     held_by: str | None
     """The tissue that holds the needle, which turns no further."""
-    needle: NeedlePlace
-    target: TargetPlace
-    readouts: Readouts
+    needle: NeedlePlace | None
+    """This, the target and the read-outs are none where an exercise does not show them."""
+    target: TargetPlace | None
+    readouts: Readouts | None
     passed: PassSummary = field(name="pass")
     log: tuple[LoggedEvent, ...]
     """The last events, those of frames that were not sent, too."""
+    replay: ReplayedStep | None
+    """None of a live frame."""
     model: str
     noise: int
     """The number of the frame that the library's renderer takes."""
@@ -118,30 +134,27 @@ def geometry(scene: Scene) -> bytes:
     return _message(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
 
 
-def frame(shown: ConsoleFrame, *, number: int, seq: int, positions: NDArray[np.float32] | None, grid: bool,
-          server_ms: float) -> bytes:  # fmt: skip
-    """Return message kind 1: the picture, the state it shows, and positions of the meshes where they changed."""
+def frame(shown: ConsoleFrame, *, number: int, seq: int, guides: frozenset[Guide], summary: PassSummary,
+          positions: NDArray[np.float32] | None = None, grid: bool = False, server_ms: float = 0.0,
+          replay: ReplayedStep | None = None) -> bytes:  # fmt: skip
+    """Return message kind 1: the picture, the state it shows, what guides may know, and positions of the meshes."""
     pixels = np.ascontiguousarray(shown.image.pixels, np.uint8)
     rows, columns = pixels.shape
-    metrics = shown.metrics
+    numbers = "numbers" in guides
     header = FrameHeader(
         frame=number, seq=seq, rows=rows, columns=columns, pixel=shown.image.plane.spacing_mm,
         image_to_reference=_numbers(shown.image_to_reference),
         probe_to_reference=_numbers(shown.probe_to_reference),
         state=shown.command, blocked=shown.blocked, bone=shown.bone,
-        held_by=shown.held_by,
+        held_by=shown.held_by if numbers else None,
         needle=NeedlePlace(
             entry=_numbers(shown.entry), tip=_numbers(shown.tip), direction=_numbers(shown.direction)
-        ),
+        ) if guides & KNOW_THE_NEEDLE else None,
         target=TargetPlace(
             id=shown.target, now=_numbers(shown.target_now), rest=_numbers(shown.target_rest)
-        ),
-        readouts=shown.readouts,
-        passed=PassSummary(
-            time_s=metrics.time_s, passes=metrics.passes, tip_path_mm=metrics.tip_path_mm,
-            max_off_plane_mm=metrics.max_off_plane_mm,
-        ),
-        log=shown.log, model=shown.model, noise=shown.number,
+        ) if guides & KNOW_THE_TARGET else None,
+        readouts=shown.readouts if numbers else None,
+        passed=summary, log=shown.log if numbers else (), replay=replay, model=shown.model, noise=shown.number,
         server_ms=round(server_ms, 3), step_ms=round(shown.step_ms, 3), render_ms=round(shown.render_ms, 3),
         mesh=0 if positions is None else len(positions), grid=grid,
     )  # fmt: skip

@@ -6,20 +6,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 from msgspec import structs
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..contact.events import Held
 from ..geometry.needle import Needle
 from ..models.insertion import NEEDLE
 from .command import Command, NeedleCommand, ProbeCommand
-from .console_frame import ConsoleFrame
+from .console_frame import ConsoleFrame, seen_from_skin
 from .constraint import Constrained, constrain
 from .event_log import logged
 from .logged_event import Log
 from .pass_metrics import PassMetrics
-from .readouts import Readouts
 from .scene import Scene
 from .session import Session, knows_time
 from .simulated_frame import SimulatedFrame
@@ -49,7 +47,7 @@ class _Standing:
         first, metrics, passes = self.entered is None, self.metrics, self.passes
         if first:
             metrics, passes = metrics.entered(now), (*passes, metrics)
-        metrics = metrics.moved(frame.tip, frame.readouts.out_of_plane, now)
+        metrics = metrics.moved(now)
         return _Standing(frame.command, metrics, passes, needle if first else self.entered, log)
 
     def without_pass(self) -> _Standing:
@@ -161,7 +159,10 @@ class Console:
         now, standing = self._clock(), self._standing
         if self._paused_at is not None:
             standing = replace(standing, metrics=standing.metrics.later(now - self._paused_at))
-        shown = self._shown(frame, constrained)
+        shown = seen_from_skin(
+            frame, self.scene, constrained.command, blocked=constrained.blocked, bone=constrained.bone,
+            held_by=constrained.held_by, metrics=standing.metrics, log=standing.log,
+        )  # fmt: skip
         standing = standing.moved(shown, now)
         self._standing, self._paused_at = standing, None
         self.last = replace(shown, metrics=standing.metrics, log=standing.log)
@@ -258,18 +259,6 @@ class Console:
         blocked = constrained.blocked if constrained.bone else "held"
         return constrained._replace(command=command, blocked=blocked, held_by=held.by or "tissue")
 
-    def _shown(self, frame: SimulatedFrame, constrained: Constrained) -> ConsoleFrame:
-        skin, command = self.scene.frame, constrained.command
-        entry, direction = skin.entry(command.needle), skin.direction(command.needle)
-        readouts = frame.readouts if frame.needles else _from_skin(frame, entry)
-        exact = replace(readouts, depth=command.needle.depth)
-        return ConsoleFrame(
-            **vars(frame) | {"readouts": exact}, command=command, blocked=constrained.blocked,
-            bone=constrained.bone, held_by=constrained.held_by, entry=entry,
-            tip=entry + command.needle.depth * direction, direction=direction, metrics=self._standing.metrics,
-            log=self._standing.log,
-        )  # fmt: skip
-
     def _freeze(self, last: ConsoleFrame) -> ConsoleFrame:
         """The last frame again, marked frozen; nothing moves."""
         self.pause()
@@ -279,10 +268,3 @@ class Console:
 
     def __repr__(self) -> str:
         return f"Console({self.session!r})"
-
-
-def _from_skin(frame: SimulatedFrame, entry: NDArray[np.float64]) -> Readouts:
-    """The read-outs while the needle is out: from where it would enter."""
-    away, half_slice = frame.out_of_plane(entry)
-    to_target = float(np.linalg.norm(frame.target_now - entry))
-    return replace(frame.readouts, tip_to_target=to_target, out_of_plane=away, half_slice=half_slice)

@@ -9,7 +9,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from .arrival_clock import ArrivalClock
 from .command import Command
@@ -17,20 +17,21 @@ from .stamp import Stamp
 from .subscription import Callback, ErrorLog, OnError, Subscription, WhenFull
 
 if TYPE_CHECKING:
-    from .console import Console
+    from .console_frame import ConsoleFrame
+    from .scene import Scene
 
 RATE_HZ = 90.0
 IDLE_HZ = 8.0
 """Frames a second while nothing happens: electronic noise lives."""
 _FRESH_S = 0.003
-_LONGEST_DT_S = 0.1
+_LONGEST_DT_S = 0.25
 """Time that passes for the tissue between two steps, at most: while nothing is stepped, it stands still."""
 _LAST_STEP_S = 5.0
 """How long the end of the process waits for steps that are under way."""
 _LAST_FRAME_S = 1.0
 """How long a runner that ends waits for its subscribers."""
 
-_runners: weakref.WeakSet[Runner] = weakref.WeakSet()
+_runners: weakref.WeakSet[Runner[Any]] = weakref.WeakSet()
 
 
 @atexit.register
@@ -50,10 +51,29 @@ class _Submitted:
     since: float
 
 
-Action = Callable[["Console"], Any]
+class Stepped(Protocol):
+    """What a runner steps: a console, or what has one."""
+
+    @property
+    def scene(self) -> Scene:
+        """What it is in."""
+
+    @property
+    def command(self) -> Command:
+        """The command in force."""
+
+    @property
+    def last(self) -> ConsoleFrame | None:
+        """The frame in force."""
+
+    def step(self, command: Command | None = None, dt: float = 0.0) -> ConsoleFrame:
+        """Come to a command, some time later."""
 
 
-class Runner:
+S = TypeVar("S", bound=Stepped)
+
+
+class Runner(Generic[S]):
     """Steps a console at a fixed rate, in a thread of its own, and hands every new frame to its subscribers.
 
     While nothing changes it makes a few frames a second; while the console is frozen, or every
@@ -86,11 +106,11 @@ class Runner:
     (20, True, True)
     """
 
-    def __init__(self, console: Console, *, rate_hz: float = RATE_HZ) -> None:
+    def __init__(self, console: S, *, rate_hz: float = RATE_HZ) -> None:
         self.console = console
         self._period = 1 / rate_hz
         self._subscriptions: tuple[Subscription, ...] = ()
-        self._queue: deque[_Submitted | Action] = deque()
+        self._queue: deque[_Submitted | Callable[[S], Any]] = deque()
         self._changed = threading.Condition()
         self._arrivals = ArrivalClock()
         self._closed = False
@@ -185,7 +205,7 @@ class Runner:
             self.console.scene.check(command)
             self.submit(command, self._seq if newest is None else newest.seq)
 
-    def do(self, action: Action) -> None:
+    def do(self, action: Callable[[S], Any]) -> None:
         """Have something else done to the console, after the commands before it and before those after it."""
         with self._changed:
             self._queue.append(action)
@@ -225,7 +245,7 @@ class Runner:
         for subscription in self._subscriptions:
             subscription.join(max(0.0, deadline - time.monotonic()))
 
-    def __enter__(self) -> Runner:
+    def __enter__(self) -> Runner[S]:
         return self
 
     def __exit__(self, *problem: object) -> None:

@@ -169,7 +169,7 @@ class Attempt:
         wanted, asked = self.exercise.tissue, command.tissue
         if asked is None:
             return
-        for name in ("contact", "relaxation", "breathing"):
+        for name in wanted.__struct_fields__:
             want, ask = getattr(wanted, name), getattr(asked, name)
             held = name == "breathing" and want != "none" and ask != "none"
             if ask != want and not held:

@@ -1,6 +1,6 @@
 /** Where marks belong in image coordinates: needle, skin, path to the target. Pure; mm. */
 
-import type { FrameHeader, NeedleCommand, SkinDirections } from "../protocol";
+import type { NeedleCommand, NeedlePlace, SkinDirections, TargetPlace } from "../protocol";
 import { add, dot, needleDirection, norm, scale, sub, toFrame, turnToFrame, type Vec } from "../vec";
 import type { Pane } from "./fit";
 import type { Point } from "./sector";
@@ -34,9 +34,9 @@ export function skinLine(frame: SkinDirections, imageToReference: Vec): { throug
 }
 
 /** From the tip along the needle to the point nearest the target, with a tick each `tick` mm; empty beyond it. */
-export function pathAhead(header: FrameHeader, tick: number): { end: Vec; ticks: Vec[]; length: number } | null {
-  const { tip, direction } = header.needle;
-  const length = dot(sub(header.target.now, tip), direction) / norm(direction);
+export function pathAhead(needle: NeedlePlace, target: TargetPlace, tick: number): { end: Vec; ticks: Vec[]; length: number } | null {
+  const { tip, direction } = needle;
+  const length = dot(sub(target.now, tip), direction) / norm(direction);
   if (length <= 0) return null;
   const place = (t: number) => add(tip, scale(direction, t));
   const ticks = Array.from({ length: Math.floor(length / tick) }, (_, k) => place((k + 1) * tick));

@@ -1,7 +1,7 @@
 /** The marks on the image: what the hand moves (accent) and where it wants to be (yellow). */
 
 import { s, set, toggle, write } from "../dom";
-import type { FrameHeader, NeedleCommand, Scene } from "../protocol";
+import type { FrameHeader, Guide, NeedleCommand, Scene } from "../protocol";
 import { toFrame, toWorld, type Vec } from "../vec";
 import type { Mapping } from "./fit";
 import { intoSight, needleInImage, pathAhead, reach, skinLine } from "./geometry";
@@ -19,6 +19,9 @@ const BEYOND = 34;
 /** px of the pane's edge that the handle keeps clear of. */
 const INSET = 18;
 
+/** What of the marks may be shown, and how it stands. */
+export interface Shown { allows: (guide: Guide) => boolean; inPlane: boolean; onTarget: boolean }
+
 export class Marks {
   readonly svg = s("svg", { class: "marks", "aria-hidden": "true" });
   /** The ring on the skin line that is dragged. */
@@ -34,6 +37,8 @@ export class Marks {
   private readonly waiting = s("path", { class: "waiting" });
   private readonly skin = new Stroke("skin");
   private readonly face = new Stroke("face");
+  /** Where the needle may enter. */
+  private readonly zone = new Stroke("zone");
   private readonly dot = s("circle", { class: "dot", r: 5 });
   private readonly shaft = new Stroke("shaft");
   private readonly tip = new Stroke("tip");
@@ -51,7 +56,7 @@ export class Marks {
       this.path.group, this.rest.group, this.target.group, this.leader.group, this.tag, this.label, this.tip.group,
     );
     this.svg.append(
-      this.waiting, this.skin.group, this.face.group, this.dot, this.guides, this.shaft.group, this.ghost, this.handle,
+      this.waiting, this.skin.group, this.zone.group, this.face.group, this.dot, this.guides, this.shaft.group, this.ghost, this.handle,
     );
   }
 
@@ -70,19 +75,29 @@ export class Marks {
     const [left, right] = [lifted[0], lifted[lifted.length - 1]];
     set(this.dot, { cx: (left[0] - 17).toFixed(1), cy: (left[1] - 5).toFixed(1) });
     const skin = skinLine(scene.frame, header.image_to_reference);
+    this.drawZone(map, header, scene);
     if (!skin) return this.skin.draw("");
     const onSkin = (x: number): Point => {
       const t = (map.back([x, 0])[0] - skin.through[0]) / (skin.along[0] || 1e-9);
       return map.point([skin.through[0] + t * skin.along[0], skin.through[1] + t * skin.along[1]]);
     };
     const reachOut = Math.min(0.16 * paneWidth, 170);
-    const [entry] = map.point(toFrame(header.image_to_reference, header.needle.entry));
+    const [entry] = map.point(needleInImage(scene.frame, header.state.needle, header.image_to_reference).entry);
     const [first, last] = [Math.min(left[0] - 0.6 * reachOut, entry - BEYOND), Math.max(right[0] + 0.6 * reachOut, entry + BEYOND)];
     const parts: Point[][] = [
       [onSkin(Math.min(left[0] - 6, Math.max(SCALE, first))), onSkin(left[0] - 6)],
       [onSkin(right[0] + 6), onSkin(Math.min(paneWidth - 8, last))],
     ];
     this.skin.draw(parts.map(polyline).join(""));
+  }
+
+  private drawZone(map: Mapping, header: FrameHeader, scene: Scene): void {
+    const zone = scene.attempt?.exercise.zone;
+    const end = (u: number): Point => {
+      const [x, y] = map.point(needleInImage(scene.frame, { ...header.state.needle, u }, header.image_to_reference).entry);
+      return [Math.max(SCALE, x), y];
+    };
+    this.zone.draw(zone ? polyline(zone.u.map(end)) : "");
   }
 
   /** The handle and the shaft outside the image answer the hand at once. `slid` mm: how far a drag has carried it. */
@@ -110,22 +125,29 @@ export class Marks {
     if (place) set(this.ghost, { cx: place[0].toFixed(1), cy: place[1].toFixed(1) });
   }
 
-  /** Tip, path and target come with the frame they belong to. */
-  drawGuides(map: Mapping, header: FrameHeader, name: string, inPlane: boolean, onTarget: boolean, paneWidth: number): void {
+  /** Tip, path and target come with the frame they belong to, those that may be shown. */
+  drawGuides(map: Mapping, header: FrameHeader, name: string, shown: Shown, paneWidth: number): void {
     const project = (p: Vec): Point => map.point(toFrame(header.image_to_reference, p));
-    const tip = project(header.needle.tip);
-    this.tip.draw(header.state.needle.depth > 0 ? circle(tip, TIP) : "");
-    toggle(this.tip.group, "out", !inPlane);
-    const ahead = pathAhead(header, PATH_TICK);
-    this.path.draw(ahead ? this.route(tip, project(ahead.end), ahead.ticks.map(project)) : "");
-    const now = project(header.target.now);
-    this.rest.draw(circle(project(header.target.rest), TARGET - 2));
+    const { needle, target } = header;
+    const tip = needle && project(needle.tip);
+    this.tip.draw(tip && shown.allows("tip") && header.state.needle.depth > 0 ? circle(tip, TIP) : "");
+    toggle(this.tip.group, "out", !shown.inPlane);
+    const ahead = needle && target && shown.allows("path") ? pathAhead(needle, target, PATH_TICK) : null;
+    this.path.draw(tip && ahead ? this.route(tip, project(ahead.end), ahead.ticks.map(project)) : "");
+    const aim = target && shown.allows("target");
+    toggle(this.guides, "no-target", !aim);
+    if (aim) this.drawTarget(project(target.now), project(target.rest), name, tip, shown.onTarget, paneWidth);
+    else for (const stroke of [this.target, this.rest, this.leader]) stroke.draw("");
+  }
+
+  private drawTarget(now: Point, rest: Point, name: string, tip: Point | null, onTarget: boolean, paneWidth: number): void {
+    this.rest.draw(circle(rest, TARGET - 2));
     const arms = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) =>
       polyline([[now[0] + x * (TARGET - 5), now[1] + y * (TARGET - 5)], [now[0] + x * (TARGET + 5), now[1] + y * (TARGET + 5)]]),
     );
     this.target.draw(circle(now, TARGET) + circle(now, 1) + arms.join(""));
     toggle(this.target.group, "reached", onTarget);
-    this.name(now, name, tip[0] > now[0] ? -1 : 1, paneWidth);
+    this.name(now, name, tip && tip[0] > now[0] ? -1 : 1, paneWidth);
   }
 
   private route(tip: Point, end: Point, ticks: Point[]): string {

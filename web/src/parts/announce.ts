@@ -19,7 +19,8 @@ export class Announcer {
     let [reached, plane, why] = [false, true, ""];
     session.drawn.on(({ header }) => {
       if (!session.scene) return;
-      const [nowReached, nowPlane] = [onTarget(header.readouts, session.scene), inPlane(header.readouts)];
+      const { readouts } = header;
+      const [nowReached, nowPlane] = readouts ? [onTarget(readouts, session.scene), inPlane(readouts)] : [false, true];
       if (nowReached && !reached) this.say("On target.");
       if (!nowPlane && plane) this.say("Tip out of plane.");
       const nowWhy = stopped(header)?.join(". ") ?? "";

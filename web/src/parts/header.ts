@@ -7,7 +7,9 @@ import { icon, logo } from "../icons";
 import { actionButton, toggleButton } from "./buttons";
 import { modelSwitch } from "./models";
 import { scenePicker } from "./picker";
+import { RunStrip } from "./run";
 import { TissueMenu } from "./tissue";
+import { VerdictBar } from "./verdict";
 
 const EVERY = 100;
 const SECOND = 1000;
@@ -25,6 +27,7 @@ export class Header {
   );
   readonly element: HTMLElement;
   private readonly tissue: TissueMenu;
+  private readonly run: RunStrip;
   readonly slow = new Caution(100, SECOND);
   private readonly verySlow = new Caution(250, SECOND);
   private readonly few = new Caution(1, SECOND);
@@ -32,13 +35,16 @@ export class Header {
 
   constructor(private readonly desk: Desk) {
     this.tissue = new TissueMenu(desk);
+    this.run = new RunStrip(desk.trainer);
     this.element = h(
       "header",
       { class: "header" },
       h("h1", {}, logo(), h("span", {}, "Sonospline")),
-      scenePicker(desk.session),
+      scenePicker(desk.trainer),
       modelSwitch(desk),
       this.tissue.element,
+      this.run.element,
+      new VerdictBar(desk.trainer).element,
       h("span", { class: "space" }),
       this.meters,
       toggleButton(desk, "guides", "Guides", "eye", "quiet"),
@@ -55,6 +61,7 @@ export class Header {
 
   tick(now: number): void {
     this.tissue.tick(now);
+    this.run.tick(now);
     if (now - this.writtenAt < EVERY) return;
     this.writtenAt = now;
     const { status, meter } = this.desk.session;

@@ -25,6 +25,8 @@ const GIVE_WAY = 8;
 const STEP = 128;
 const FEWEST = 256;
 const MOST = 1024;
+/** px of a pane below which nothing stands beside the image. */
+const NARROW = 560;
 /** px around the skin line that count as on it. */
 const NEAR = 16;
 
@@ -103,6 +105,12 @@ export class ImagePane {
     this.marks.drawGhost(this.aheadSince !== null && now - this.aheadSince > AHEAD ? drawn : null);
   }
 
+  /** What may be shown has changed. */
+  refreshMarks(): void {
+    const { frame, scene } = this.session;
+    if (frame && scene) this.drawMarks(frame.header, scene);
+  }
+
   refresh(): void {
     if (this.session.command) this.drawCommand(this.session.command);
   }
@@ -172,9 +180,10 @@ export class ImagePane {
   private layOut(scene: Scene, raster: Raster): Mapping {
     const { layout, size } = this;
     const right = needleRight(scene);
-    const corner = readoutCorner(layout, right);
-    const kept = keep(layout, right, window.innerHeight > window.innerWidth);
-    const room = margins(layout, parallel(scene.probe));
+    const alone = this.session.reviewing || size.width < NARROW;
+    const corner = readoutCorner(layout, right, alone);
+    const kept = keep(layout, right, window.innerHeight > window.innerWidth, alone);
+    const room = margins(layout, parallel(scene.probe), alone);
     for (let less = 0; ; less += GIVE_WAY) {
       const box = fit(size, raster, corner ? { ...room, [corner.side]: room[corner.side] + less } : room, kept);
       const mapping = (this.mapping = new Mapping(box, raster, size));
@@ -197,8 +206,10 @@ export class ImagePane {
     if (!mapping || !view || !session.command) return;
     this.marks.drawProbe(mapping, view, header, scene, size.width);
     this.drawnHandle = this.marks.drawHandle(mapping, view, header, scene, header.state.needle, 0);
-    const name = scene.targets.find((target) => target.id === header.target.id)?.name ?? "";
-    this.marks.drawGuides(mapping, header, name, inPlane(header.readouts), onTarget(header.readouts, scene), size.width);
+    const name = scene.targets.find((target) => target.id === header.target?.id)?.name ?? "";
+    const { readouts } = header;
+    const stands = { inPlane: !readouts || inPlane(readouts), onTarget: readouts !== null && onTarget(readouts, scene) };
+    this.marks.drawGuides(mapping, header, name, { ...stands, allows: (guide) => session.allows(guide) }, size.width);
     this.drawCommand(session.command);
   }
 

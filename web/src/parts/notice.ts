@@ -50,7 +50,7 @@ export class NoticePart {
       else this.caution = { message, until: performance.now() + LINGER };
     });
     session.refused.on(({ what, message }) => {
-      if (what !== "scene" && what !== "open_scene") this.caution = { message, until: performance.now() + LINGER };
+      if (what !== "scene" && what !== "open_scene" && what !== "begin_attempt") this.caution = { message, until: performance.now() + LINGER };
     });
     session.drawn.on(({ header }) => {
       const words = stopped(header);

@@ -2,18 +2,21 @@
 
 import { h, write } from "../dom";
 import { icon } from "../icons";
-import type { Session } from "../session";
+import type { Trainer } from "../trainer";
+import { levelOf } from "./briefing";
 import { popup } from "./menu";
 
 /** The server takes messages of 64 KiB. */
 const LARGEST = 60_000;
 
-export function scenePicker(session: Session): HTMLElement {
+export function scenePicker(trainer: Trainer): HTMLElement {
+  const { session } = trainer;
   const name = h("b", {}, "–");
+  const kind = h("span", { class: "name" }, "Scene");
   const button = h(
     "button",
     { type: "button", class: "button", id: "scene-button", "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": "scene-menu" },
-    h("span", { class: "name" }, "Scene"),
+    kind,
     name,
     icon("chevron", 14),
   );
@@ -36,14 +39,12 @@ export function scenePicker(session: Session): HTMLElement {
       h("span", {}, note),
     );
   const entries = () => [
-    ...(session.hello?.scenes ?? []).map((scene) => item(scene.name, scene.description, () => session.chooseScene(scene.id), scene.id === session.scene?.id)),
-    ...targets(),
+    h("p", { class: "heading", role: "presentation" }, "Free practice"),
+    ...(session.hello?.scenes ?? []).map((scene) => item(scene.name, scene.description, () => session.chooseScene(scene.id), !trainer.attempt && scene.id === session.scene?.id)),
     item("Open file", "A scene file of your own (.toml)", () => file.click()),
+    ...(trainer.offered.length ? [h("p", { class: "heading", role: "presentation" }, "Exercises")] : []),
+    ...trainer.offered.map((exercise) => item(exercise.name, levelOf(exercise), () => trainer.brief(exercise), trainer.attempt?.exercise.id === exercise.id)),
   ];
-  const targets = () => {
-    const all = session.scene?.targets ?? [];
-    return all.length < 2 ? [] : all.map((target) => item(`Target: ${target.name}`, "", () => session.chooseTarget(target.id), target.id === session.target));
-  };
 
   const { open, close } = popup(root, button, menu, () => entries());
   file.addEventListener("change", () => {
@@ -60,8 +61,9 @@ export function scenePicker(session: Session): HTMLElement {
   root.addEventListener("open-scene-file", () => file.click());
 
   session.sceneReady.on((scene) => {
-    write(name, scene.name);
-    button.dataset.hint = scene.name;
+    write(name, scene.attempt?.exercise.name ?? scene.name);
+    write(kind, scene.attempt ? "Exercise" : "Scene");
+    button.dataset.hint = scene.attempt?.exercise.name ?? scene.name;
     root.classList.remove("loading");
   });
   session.loading.on(({ name: loading, share }) => {
@@ -71,7 +73,7 @@ export function scenePicker(session: Session): HTMLElement {
   });
   session.refused.on(() => {
     root.classList.remove("loading");
-    if (session.scene) write(name, session.scene.name);
+    if (session.scene) write(name, session.scene.attempt?.exercise.name ?? session.scene.name);
   });
   return root;
 }

@@ -128,9 +128,10 @@ export class MotionPlot {
     const heights = standApart(labels.map(({ at }) => at), 9, ROOM.top + height - 4, LINE);
     labels.forEach(({ text }, k) => text.setAttribute("y", heights[k].toFixed(1)));
     out.push(...labels.map(({ text }) => text));
-    const now = frame && shown.value(frame.header.readouts);
-    if (frame && now !== null) out.push(s("circle", { class: "live", cx: px(frame.header.readouts.depth).toFixed(1), cy: py(now).toFixed(1), r: 4 }));
-    else if (frame) out.push(s("text", { class: "none", x: px(x.top / 2).toFixed(1), y: ROOM.top + height / 2, "text-anchor": "middle" }, `${name(model)} knows no ${shown.name.toLowerCase()}`));
+    const readouts = frame?.header.readouts;
+    const now = readouts ? shown.value(readouts) : null;
+    if (readouts && now !== null) out.push(s("circle", { class: "live", cx: px(readouts.depth).toFixed(1), cy: py(now).toFixed(1), r: 4 }));
+    else if (readouts) out.push(s("text", { class: "none", x: px(x.top / 2).toFixed(1), y: ROOM.top + height / 2, "text-anchor": "middle" }, `${name(model)} knows no ${shown.name.toLowerCase()}`));
     return out;
   }
 }

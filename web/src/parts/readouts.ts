@@ -66,14 +66,16 @@ export class ReadoutsPart {
     if (!frame || !scene || (status !== "live" && status !== "frozen") || now - this.writtenAt < EVERY) return;
     this.apartSince = this.session.agrees ? null : (this.apartSince ?? now);
     if (this.apartSince !== null && now - this.apartSince > APART) return this.blank();
-    const amber = this.judge(frame.header, scene, now);
+    const { readouts } = frame.header;
+    if (!readouts) return this.blank();
+    const amber = this.judge(readouts, scene, now);
     if (frame.header.frame === this.written && !amber) return;
     this.writtenAt = now;
     this.written = frame.header.frame;
-    this.show(frame.header, scene);
+    this.show(frame.header, readouts, scene);
   }
 
-  private judge({ readouts }: FrameHeader, scene: Scene, now: number): boolean {
+  private judge(readouts: Values, scene: Scene, now: number): boolean {
     const { depth, plane, folds } = this.cautions;
     const before = [depth.on, plane.on, folds.on];
     depth.update(readouts.depth / scene.needle.length_mm / NEEDLE_END, now);
@@ -82,9 +84,8 @@ export class ReadoutsPart {
     return [depth.on, plane.on, folds.on].some((on, k) => on !== before[k]);
   }
 
-  private show(header: FrameHeader, scene: Scene): void {
+  private show(header: FrameHeader, values: Values, scene: Scene): void {
     const { tip, depth, moved, plane, force } = this.rows;
-    const values = header.readouts;
     const reached = onTarget(values, scene);
     number(tip, values.tip_to_target, false);
     write(tip.note, reached ? "On target" : `on target below ${scene.tolerance_mm.toFixed(1)} mm`);

@@ -4,7 +4,11 @@ import { h, write } from "../dom";
 import { icon } from "../icons";
 import type { Session } from "../session";
 
+/** What asks for something to be loaded. */
+const LOADS: readonly string[] = ["scene", "open_scene", "begin_attempt"];
+
 export class RefusalSheet {
+  private readonly title = h("span", {});
   private readonly text = h("p", {});
   private readonly detail = h("pre", { tabindex: 0, "aria-label": "What is wrong" });
   readonly element: HTMLElement;
@@ -19,7 +23,7 @@ export class RefusalSheet {
     this.element = h(
       "section",
       { class: "sheet", "aria-labelledby": "sheet-title", hidden: true },
-      h("h2", { id: "sheet-title" }, icon("warning"), "Scene not loaded"),
+      h("h2", { id: "sheet-title" }, icon("warning"), this.title),
       this.text,
       this.detail,
       h(
@@ -31,7 +35,8 @@ export class RefusalSheet {
       ),
     );
     session.refused.on(({ what, message, file, line }) => {
-      if (what !== "scene" && what !== "open_scene") return;
+      if (!LOADS.includes(what)) return;
+      write(this.title, what === "begin_attempt" ? "Exercise not begun" : "Scene not loaded");
       write(this.text, `${file ? `${file}. ` : ""}${session.scene ? `${session.scene.name} keeps running.` : ""}`);
       write(this.detail, line ? `line ${line}: ${message}` : message);
       again.hidden = !file;

@@ -42,7 +42,7 @@ export class TissueMenu {
     const { session } = this.desk;
     if (!session.scene || now - this.writtenAt < EVERY) return;
     this.writtenAt = now;
-    const values = session.agrees ? session.frame?.header.readouts : undefined;
+    const values = session.agrees ? session.frame?.header.readouts : null;
     const excursion = values?.excursion ?? 0;
     const probe = values?.probe_n ?? null;
     write(this.state, inShort(session.scene, session.model, session.command?.tissue ?? STILL, excursion, probe));

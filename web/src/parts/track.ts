@@ -34,6 +34,8 @@ export function track(desk: Desk): HTMLElement {
     toggle(root, "held", !session.answers);
   };
   const mark = ({ target, needle }: FrameHeader) => {
+    pin.hidden = !target || !needle;
+    if (!target || !needle) return;
     const depth = dot(sub(target.now, needle.entry), needle.direction);
     pin.hidden = depth < 0 || depth > length();
     pin.style.left = place(depth);

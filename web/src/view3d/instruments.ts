@@ -27,6 +27,7 @@ export class NeedleModel {
 
   /** The tip lies in the origin of the model, its shaft along -y. */
   place({ needle }: FrameHeader): void {
+    if (!needle) return;
     this.group.position.set(needle.tip[0], needle.tip[1], needle.tip[2]);
     const along = new THREE.Vector3(...(needle.direction as [number, number, number]));
     this.group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
@@ -59,6 +60,7 @@ export class TargetModel {
   }
 
   place({ target }: FrameHeader): void {
+    if (!target) return;
     this.sprite.position.set(target.now[0], target.now[1], target.now[2]);
   }
 

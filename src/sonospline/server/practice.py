@@ -1,0 +1,116 @@
+"""Free practice: a console, and what its present pass looks like."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..training.exercise import ALL_GUIDES
+from ..training.growing_trace import GrowingTrace
+from ..training.metric import METRICS
+from ..training.task import Task
+from ..training.trace import Sample
+from .wire import PassSummary
+
+if TYPE_CHECKING:
+    from ..simulator.command import Command
+    from ..simulator.console import Console
+    from ..simulator.console_frame import ConsoleFrame
+    from ..simulator.scene import Scene
+    from ..simulator.session import Session
+    from ..training.exercise import Guide
+
+MEASURED_EVERY_S = 0.5
+"""Of the session's time, between two looks at the whole pass."""
+_NOTHING = Task()
+
+
+class PassMeter:
+    """Measures the present pass, or the last one, as it goes on."""
+
+    def __init__(self) -> None:
+        self._growing = GrowingTrace()
+        self._passes = -1
+        self._measured_at = -1.0
+        self._found: tuple[float | None, float | None] = (None, None)
+
+    def add(self, frame: ConsoleFrame) -> None:
+        """Take a frame; what comes while the needle is out belongs to no pass."""
+        if frame.metrics.passes != self._passes:
+            self._passes, self._found, self._measured_at = frame.metrics.passes, (None, None), -1.0
+            self._growing.clear()
+        if frame.needle is not None:
+            self._growing.add(frame.time_s, Sample.of(frame, None))
+
+    def found(self, now_s: float) -> tuple[float | None, float | None]:
+        """Return path and blind advance of the tip, mm; None before a pass has two samples."""
+        if len(self._growing) > 1 and now_s - self._measured_at >= MEASURED_EVERY_S:
+            self._measured_at, trace = now_s, self._growing.trace()
+            path, blind = (METRICS[name].of(trace, _NOTHING) for name in ("needle_path_mm", "blind_advance_mm"))
+            self._found = float(path), float(blind)
+        return self._found
+
+
+class Practice:
+    """A console that nothing is asked of.
+
+    Parameters
+    ----------
+    console : Console
+        Its own from now on.
+    """
+
+    guides: frozenset[Guide] = ALL_GUIDES
+    """What may be shown beside the image: all."""
+    exercise = None
+    over = False
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+        self._meter = PassMeter()
+
+    @property
+    def scene(self) -> Scene:
+        """The console's."""
+        return self.console.scene
+
+    @property
+    def session(self) -> Session:
+        """The console's."""
+        return self.console.session
+
+    @property
+    def command(self) -> Command:
+        """The command in force."""
+        return self.console.command
+
+    @property
+    def start(self) -> Command:
+        """Where it began."""
+        return self.console.scene.start
+
+    @property
+    def last(self) -> ConsoleFrame | None:
+        """The frame in force."""
+        return self.console.last
+
+    def step(self, command: Command | None = None, dt: float = 0.0) -> ConsoleFrame:
+        """Come to a command, some time later."""
+        frame = self.console.step(command, dt)
+        self._meter.add(frame)
+        return frame
+
+    def check(self, command: Command) -> None:
+        """Raise FieldError where a command is beyond the scene's limits."""
+        self.console.scene.check(command)
+
+    def summary(self, frame: ConsoleFrame) -> PassSummary:
+        """Return what a page says of the pass."""
+        path, blind = self._meter.found(frame.time_s)
+        return PassSummary(time_s=frame.metrics.time_s, passes=frame.metrics.passes, path_mm=path, blind_mm=blind)
+
+    def pause(self) -> None:
+        """Let nothing happen until the next step."""
+        self.console.pause()
+
+    def close(self) -> None:
+        """Nothing is to be ended."""
