@@ -24,9 +24,9 @@ from sonospline import Session, igtl
 from sonospline.link import LinkServer, Scanner, ScannerNames
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from link_client import LinkClient
+from link_client import LinkClient, eventually
 
-CLIENTS, SHAPE, WARM_UP = 8, (1, 616, 820), 0.1
+CLIENTS, SHAPE, WARM_UP, END = 8, (1, 616, 820), 0.1, "End"
 """WARM_UP: the share of what is measured that is left out at the beginning."""
 
 
@@ -35,31 +35,29 @@ def now_s() -> float:
     return time.time_ns() / 1e9
 
 
-def listen(port: int, kind: str, count: int, pipe: Connection) -> None:
-    """A client: the ages of so many messages when they were read, ms, and how many transforms came."""
+def listen(port: int, kind: str, pipe: Connection) -> None:
+    """A client: the ages of messages when they were read, ms, and how many transforms came until the last."""
     ages, transforms = [], 0
     with LinkClient(port) as client:
         client.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         pipe.send("ready")
-        while len(ages) < count:
-            message = client.next(30)
+        while (message := client.next(30)).device != END:
             transforms += message.content.type == "TRANSFORM"
             if message.content.type == kind:
                 ages.append(1e3 * (now_s() - igtl.seconds_of(message.stamp)))
-        while kind == "IMAGE" and transforms < count:
-            transforms += client.next(30).content.type == "TRANSFORM"
     pipe.send((ages, transforms))
 
 
-def started(port: int, kind: str, count: int, clients: int) -> list[Connection]:
+def started(server: LinkServer, kind: str, clients: int) -> list[Connection]:
     """So many clients, each in a process of its own and connected."""
     spawn, pipes = multiprocessing.get_context("spawn"), []
     for _ in range(clients):
         ours, theirs = spawn.Pipe()
-        spawn.Process(target=listen, args=(port, kind, count, theirs), daemon=True).start()
+        spawn.Process(target=listen, args=(server.port, kind, theirs), daemon=True).start()
         pipes.append(ours)
     for pipe in pipes:
         pipe.recv()
+    assert eventually(lambda: len(server.clients) == clients)
     return pipes
 
 
@@ -80,11 +78,12 @@ def transforms(seconds: float) -> np.ndarray:
     """Ages of transforms at 1,024 a second, ms."""
     count = int(1024 * seconds)
     with LinkServer(port=0) as server:
-        [pipe] = started(server.port, "TRANSFORM", count, 1)
+        [pipe] = started(server, "TRANSFORM", 1)
         for number in paced(1024.0, count):
             pose = np.eye(4)
             pose[0, 3] = number
             server.publish(igtl.Message(igtl.Transform(pose), "NeedleToReference", igtl.now()))
+        server.publish(igtl.Message(igtl.Transform(np.eye(4)), END))
         return settled(pipe.recv()[0])
 
 
@@ -93,7 +92,7 @@ def images(seconds: float, *, stalled: bool) -> tuple[np.ndarray, int]:
     count = int(60 * seconds)
     voxels = np.random.default_rng(0).integers(0, 255, SHAPE, np.uint8)
     with LinkServer(port=0, patience_s=1e6) as server:
-        pipes = started(server.port, "IMAGE", count, CLIENTS - stalled)
+        pipes = started(server, "IMAGE", CLIENTS - stalled)
         lazy = LinkClient(server.port) if stalled else None
         for _ in paced(60.0, count):
             stamp = igtl.now()
@@ -101,12 +100,8 @@ def images(seconds: float, *, stalled: bool) -> tuple[np.ndarray, int]:
                 igtl.Message(igtl.Image.of(voxels, np.eye(4)), "Image_Reference", stamp),
                 igtl.Message(igtl.Transform(np.eye(4)), "ProbeToReference", stamp),
             )
+        server.publish(igtl.Message(igtl.Transform(np.eye(4)), END))
         lost, ages = 0, []
-        for number in range(200):  # a slow client may have had an image replaced: more, until all have theirs
-            if all(pipe.poll(0.02) for pipe in pipes):
-                break
-            stamp = igtl.now()
-            server.publish(igtl.Message(igtl.Image.of(voxels, np.eye(4)), f"End {number}", stamp))
         for pipe in pipes:
             found, came = pipe.recv()
             ages.append(settled(found))
