@@ -148,7 +148,8 @@ export class Session {
 
   /** Choose what of the image's settings is chosen and not moved. */
   choose(words: Partial<Pick<Command["image"], "mode" | "grey_map" | "pixels">>): void {
-    if (this.answers && this.command) this.want({ ...this.command, image: { ...this.command.image, ...words } });
+    const open = this.answers || this.status === "loading";
+    if (open && this.command) this.want({ ...this.command, image: { ...this.command.image, ...words } });
   }
 
   private ask(knob: Knob, value: number): void {
@@ -343,7 +344,7 @@ export class Session {
     this.kept = this.resumed = false;
     this.flush(performance.now());
     // until the server is where the hand was, its numbers are of another pose
-    this.awaited = again ? this.seq : 0;
+    this.awaited = again || !same(this.command, scene.state) ? this.seq : 0;
   }
 
   /** After a lost connection the same scene goes on where the hand was, whatever the server still knows. */

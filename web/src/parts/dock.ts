@@ -40,7 +40,7 @@ function image(desk: Desk): HTMLElement {
   return h(
     "section",
     { class: "group image", "aria-labelledby": "dock-image" },
-    h("div", { class: "top" }, h("h2", { id: "dock-image" }, "Image"), new ScannerMenu(desk, "dock").element),
+    h("div", { class: "top" }, h("h2", { id: "dock-image" }, "Image"), new ScannerMenu(desk).element),
     steppers(desk, "image", "steppers", { without: IN_MENU }),
     freezeButton(desk, "tall"),
   );

@@ -43,6 +43,7 @@ export class ImagePane {
   grabbedAt: number | null = null;
   private layout: Layout = "desktop";
   private size = { width: 0, height: 0 };
+  private pixels = 0;
   private view: Sector | null = null;
   private handleAt: Point = [0, 0];
   private drawnHandle: Point | null = null;
@@ -74,8 +75,10 @@ export class ImagePane {
       this.picture.draw(frame);
       this.drawFrame(frame.header);
     });
-    session.commanded.on((command) => this.drawCommand(command));
-    session.statusChanged.on((status) => status === "live" && this.place());
+    session.commanded.on((command) => {
+      this.drawCommand(command);
+      this.askForPixels();
+    });
     session.statusChanged.on((status) => {
       toggle(this.element, "stale", status === "lost");
       toggle(this.element, "held", status !== "live");
@@ -156,7 +159,8 @@ export class ImagePane {
     const raster: Raster = header ?? expected(this.view);
     const mapping = this.layOut(scene, raster);
     const { box } = mapping;
-    this.askForPixels(Math.max(box.width, box.height) * window.devicePixelRatio);
+    this.pixels = clamp(Math.ceil((Math.max(box.width, box.height) * window.devicePixelRatio) / STEP) * STEP, FEWEST, MOST);
+    this.askForPixels();
     const { style } = this.picture.canvas;
     style.left = `${box.left}px`;
     style.top = `${box.top}px`;
@@ -171,9 +175,9 @@ export class ImagePane {
   }
 
   /** A picture as fine as the pane shows it, no finer than need be. */
-  private askForPixels(shown: number): void {
-    const pixels = clamp(Math.ceil(shown / STEP) * STEP, FEWEST, MOST);
-    if (this.session.command && this.session.command.image.pixels !== pixels) this.session.choose({ pixels });
+  private askForPixels(): void {
+    const { pixels, session } = this;
+    if (pixels && session.command && session.command.image.pixels !== pixels) session.choose({ pixels });
   }
 
   /** As large as can be; it gives way where the read-outs would stand over the sector. */

@@ -18,13 +18,9 @@ export class ScannerMenu {
   readonly element: HTMLElement;
   private refreshed: (() => void)[] = [];
 
-  /** Each layout has its own, by its `place`. */
-  constructor(
-    private readonly desk: Desk,
-    place: string,
-  ) {
+  constructor(private readonly desk: Desk) {
     const { session } = desk;
-    const [button, menu] = [`scanner-button-${place}`, `scanner-menu-${place}`];
+    const [button, menu] = ["scanner-button", "scanner-menu"];
     this.button = h(
       "button",
       { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, grey map" },
