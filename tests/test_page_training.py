@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from page_driver import DEPTH, FOCUSED, LINK, SIZES, serving
+from simulator_scenes import SMALL_PAPER
 
 pytest_plugins = ["page_fixtures"]
 
@@ -44,6 +45,14 @@ def course(browser, tmp_path_factory):
     guided = COURSE.replace("Vessel, quickly", "Vessel, guided")
     (folder / "guided.toml").write_text(guided.replace("[]", '["path", "target", "tip", "numbers", "3-D view"]', 1))
     with serving("--scene", "gel", "--exercises", str(folder)) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def two_targets(browser, tmp_path_factory):
+    scene = tmp_path_factory.mktemp("scene") / "small.toml"
+    scene.write_text(SMALL_PAPER)
+    with serving("--scene", str(scene)) as address:
         yield address
 
 
@@ -191,3 +200,27 @@ def test_every_layout_has_room_for_it(drive, layout):
         assert box["x"] >= 0 and box["x"] + box["width"] <= SIZES[layout][0], button
         assert not touch or layout == "phone" or box["height"] >= 43.5, button
     driver.picture(f"debrief-{layout}")
+
+
+@pytest.mark.slow
+def test_a_target_is_chosen_by_its_ring_and_a_distance_is_measured_in_mm(drive):
+    driver = drive("two_targets")
+    page = driver.page
+    driver.until("document.querySelectorAll('.target-ring:not([hidden])').length > 0")
+    driver.until("document.querySelector('.target-ring:not([hidden])').style.transform !== ''")
+    ring = page.locator(".target-ring:visible").first
+    name = ring.get_attribute("aria-label").removeprefix("Aim at ")
+    ring.focus()
+    page.keyboard.press("Enter")
+    driver.until(f"document.querySelector('.marks .label').textContent === '{name}'")
+    page.get_by_role("button", name="Calliper").click()
+    box = page.locator("canvas.picture").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"]
+    page.mouse.click(x, y)
+    page.mouse.click(x, y + 0.25 * box["height"])
+    driver.until("document.querySelector('.measuring output').dataset.value !== ''")
+    measured = float(page.locator(".measuring output").get_attribute("data-value"))
+    depth = float(page.locator("[data-knob$='image.depth']:visible").get_attribute("data-value"))
+    assert measured == pytest.approx(0.25 * depth, rel=0.15), "a quarter of the picture, which shows that depth"
+    page.get_by_role("button", name="Calliper").click()
+    assert not page.locator(".calliper").is_visible()

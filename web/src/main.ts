@@ -13,6 +13,7 @@ import { chooseLayout, type Layout } from "./layouts";
 import { Announcer } from "./parts/announce";
 import { Briefing } from "./parts/briefing";
 import { debriefPanel } from "./parts/debrief";
+import { Calliper } from "./parts/calliper";
 import { dock, shorten } from "./parts/dock";
 import { Header } from "./parts/header";
 import { helpDialog } from "./parts/help";
@@ -68,6 +69,7 @@ const briefing = new Briefing(trainer);
 const reel = new Reel(trainer);
 const player = new Player(trainer, reel, () => image.refreshMarks());
 const sheet = new RefusalSheet(session, picker ?? header.element);
+const calliper = new Calliper(image);
 const announcer = new Announcer(desk);
 const pads = new GamepadReader(desk);
 const controls = dock(desk);
@@ -75,7 +77,7 @@ const controls = dock(desk);
 document.body.append(
   header.element,
   probeRail(desk),
-  h("main", { class: "stage" }, image.element, readouts.element, notice.element, player.element, briefing.element, lost.element),
+  h("main", { class: "stage" }, image.element, readouts.element, notice.element, calliper.element, player.element, briefing.element, lost.element),
   h("div", { class: "side" }, h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element), controls),
   needleRail(desk),
   imageBar(desk),

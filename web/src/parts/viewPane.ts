@@ -6,6 +6,7 @@ import { icon } from "../icons";
 import type { Frame, Geometry } from "../protocol";
 import type { View3d } from "../view3d/view";
 import { toggleButton } from "./buttons";
+import { TargetRings } from "./targetRings";
 
 export class ViewPane {
   view: View3d | null = null;
@@ -17,8 +18,12 @@ export class ViewPane {
   private moved: Frame | null = null;
   private loading = false;
 
+  private readonly rings: TargetRings;
+
   constructor(private readonly desk: Desk) {
     const { session } = desk;
+    this.rings = new TargetRings(session);
+    this.element.append(this.rings.element);
     this.element.append(
       h("div", { class: "view-buttons" }, toggleButton(desk, "grid", "Grid"), toggleButton(desk, "colours", "Displacement"), h("span", { class: "space" }), toggleButton(desk, "probeView", "Probe view")),
       this.swap,
@@ -80,6 +85,7 @@ export class ViewPane {
 
   tick(now: number): void {
     this.view?.tick(now);
+    if (this.view) this.rings.tick(this.view);
     if (this.view && this.desk.switches.colours) write(this.scale.lastElementChild as HTMLElement, `${this.view.tissue.top} mm`);
   }
 

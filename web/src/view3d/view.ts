@@ -146,6 +146,13 @@ export class View3d {
     this.redraw();
   }
 
+  /** Where a place of the world is in the pane, px; null behind the camera. */
+  onPane(place: Vec): readonly [number, number] | null {
+    const at = new THREE.Vector3(...(place as [number, number, number])).project(this.camera);
+    const { width, height } = this.size;
+    return at.z > 1 ? null : [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height];
+  }
+
   redraw(): void {
     this.dirty = true;
   }
