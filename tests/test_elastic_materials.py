@@ -257,7 +257,8 @@ def test_a_property_of_another_kind_is_refused(name, value, problem):
 
 EXAMPLES = {
     "stiffness_kpa": 7.5, "poissons_ratio": 0.4, "friction_n_per_mm": 0.05, "track_friction_n_per_mm": 0.06,
-    "static_friction": 1.2, "viscous_friction": 0.001, "cutting_force_n": 1.5, "rigid": True, "floating": True,
+    "static_friction": 1.2, "viscous_friction": 0.001, "cutting_force_n": 1.5, "lateral_strength_n_per_mm": 0.3,
+    "rigid": True, "floating": True,
     "fluid": True, "relaxation_exponent": 0.1, "source": "my elastography",
 }  # fmt: skip
 

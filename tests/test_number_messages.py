@@ -60,7 +60,7 @@ def test_a_figure_is_the_number(value):
 
 def test_a_state_just_beyond_a_limit_is_not_told_that_it_is_within():
     spec = SceneFile.parse(scene("needle", "length_mm", 200 / 3))
-    knobs = Knobs.of(Command, Circumstances(spec, Probe.linear(), (-9, 9), (-9, 9), synthetic=True))
+    knobs = Knobs.of(Command, Circumstances(spec, Probe.linear(), (-9, 9), (-9, 9), 99.0, synthetic=True))
     state = Command(
         needle=NeedleCommand(u=0, v=0, angle=90, swing=0, depth=66.6667), probe=ProbeCommand(),
         image=ImageSettings(gain=0, depth=45, frequency=7, focus=20),

@@ -38,7 +38,7 @@ NEEDS = {
 }
 FROM_ZERO = {"smoothing", "drag-mm", "build-up-mm", "poisson", "shaft-displacement", "shaft-pull", "tip-displacement"}
 ALLOWED = {
-    **{option: {"0"} for option in ("seed", "port", "cine", *FROM_ZERO)},
+    **{option: {"0"} for option in ("seed", "port", "link", "cine", *FROM_ZERO)},
     "gain": {"-1", "0", "1e-300"},
 }
 TINY = {"gain", *FROM_ZERO}

@@ -92,7 +92,8 @@ face = session.scene.tissue.grid.extent / 2
 entry = session.scene.tissue.grid.world([face[0], face[1], 0.0])
 needle = ss.Needle(entry, entry + [0, 0, 20.0])
 frame = session.step(needles={{"needle": needle}})
-message = SceneMessage.of("mine", Console(Session(scene, model="paper")))
+console = Console(Session(scene, model="paper"))
+message = SceneMessage.of("mine", console, console.command, session.scene.start)
 part = scene_schema()["$defs"]["ModelPart"]["properties"]
 answer = {{
     "model": session.model, "moved": float(abs(frame.field.on_grid()).max()),

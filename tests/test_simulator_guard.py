@@ -9,6 +9,7 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from sonospline.server.guard import Guard
+from sonospline.server.server_messages import PROTOCOL
 
 OURS = "127.0.0.1:8765"
 TOKEN = "open sesame & more=ü/?#%"
@@ -165,14 +166,14 @@ def test_a_foreign_origin_is_turned_away_before_the_socket_opens(running, header
 
 def test_its_own_origin_is_let_in(running):
     with Client(running, additional_headers={"Origin": f"http://127.0.0.1:{running.port}"}) as client:
-        assert client.text("hello")["protocol"] == 3
+        assert client.text("hello")["protocol"] == PROTOCOL
 
 
 def test_a_token_works_over_the_wire_and_as_the_address_says_it(locked):
     address = locked.server.address
     assert address == f"http://127.0.0.1:{locked.port}/?token={quote(TOKEN, safe='')}"
     with Client(locked, "/live" + address[address.index("?") :]) as client:
-        assert client.text("hello")["protocol"] == 3
+        assert client.text("hello")["protocol"] == PROTOCOL
     for query in ("", "?token=wrong", f"?token={quote(TOKEN)}&token=x", "?token=%ff%fe", "?token"):
         status, reason, _ = status_of(locked, "/live" + query)
         assert (status, "token is missing or wrong" in reason) == (403, True)

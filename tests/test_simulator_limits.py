@@ -31,10 +31,15 @@ def ranges(console, group):
     return {knob.field: (knob.low, knob.high) for knob in console.scene.knobs if knob.group == group}
 
 
+def anywhere(console, rng, group):
+    """Knobs of a group, each at an end or between."""
+    return {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in ranges(console, group).items()}
+
+
 def show(console, rng, knobs):
-    """One picture, with the probe anywhere it may be."""
-    probe = {name: float(rng.choice([*ends, rng.uniform(*ends)])) for name, ends in ranges(console, "probe").items()}
-    state = console.command.with_image(**dict(zip(KNOBS, map(float, knobs), strict=True))).with_probe(**probe)
+    """One picture, with the scanner's other knobs and the probe anywhere they may be."""
+    image = anywhere(console, rng, "image") | dict(zip(KNOBS, map(float, knobs), strict=True))
+    state = console.command.with_image(**image).with_probe(**anywhere(console, rng, "probe"))
     frame = console.step(state.with_needle(depth=float(rng.choice([0.0, 5.0]))))
     assert frame.image.pixels.dtype == np.uint8
     assert frame.image.pixels.ndim == 2
@@ -43,7 +48,7 @@ def show(console, rng, knobs):
 
 def places(console, rng, between):
     """All corners of the knobs' limits, then random places between."""
-    limits = list(ranges(console, "image").values())
+    limits = [ranges(console, "image")[name] for name in KNOBS]
     yield from itertools.product(*[sorted({*ends}) for ends in limits])
     for _ in range(between):
         yield [rng.uniform(*ends) for ends in limits]
@@ -72,7 +77,7 @@ def of_a_scene_file(rng, corners):
     for kind, frequency, depth, lines, focus in corners:
         text = BLOCK.format(kind=kind, frequency=frequency, depth=depth, lines=lines, focus=focus)
         console = Console(Session(SceneFile.parse(text)))
-        low = [low for low, _ in ranges(console, "image").values()]
+        low = [ranges(console, "image")[name][0] for name in KNOBS]
         show(console, rng, low)
         show(console, rng, [0.0, depth, frequency, focus])
 
