@@ -183,7 +183,7 @@ def test_what_is_limited_is_said(drive):
     assert "stops here" not in driver.evaluate(notice)
     page.locator(".image-pane").focus()
     driver.answered()
-    assert driver.knob("angle") == pytest.approx(angle + 5)
+    assert angle + 5 <= driver.knob("angle") < angle + 20, "short of what was asked for"
     page.keyboard.press("Home")
     driver.until(f"{DEPTH} === 0")
     page.locator("[data-knob$=angle]:visible").fill("90")

@@ -110,9 +110,9 @@ SHOWN = "Number(document.querySelector('.field .now').getAttribute('aria-valueno
 
 def showing(driver):
     """Wait until the picture on the screen is the one that was asked for; return its header and its pixels."""
-    driver.until("link.replayed === link.step")
+    driver.until("link.replayed !== null && link.replayed === link.step")
     number, pixels = driver.drawn()
-    return next(header for header, _ in driver.frames if header["frame"] == number), pixels
+    return next(header for header, _ in reversed(driver.frames) if header["frame"] == number), pixels
 
 
 @pytest.mark.slow

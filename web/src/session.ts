@@ -244,7 +244,8 @@ export class Session {
         newest.header.mesh = moved.header.mesh;
         newest.header.grid = moved.header.grid;
       }
-      this.early = newest.header.seq < this.awaited ? newest : null;
+      // a replay answers no command
+      this.early = !newest.header.replay && newest.header.seq < this.awaited ? newest : null;
       if (!this.early) this.take(newest, now);
       for (const frame of arrived) this.link.send({ type: "drawn", frame: frame.header.frame });
     }
