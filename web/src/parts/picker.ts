@@ -62,6 +62,7 @@ export function scenePicker(trainer: Trainer): HTMLElement {
 
   session.sceneReady.on((scene) => {
     write(name, scene.attempt?.exercise.name ?? scene.name);
+    name.title = name.textContent ?? ""; // where the header has no room for all of it
     write(kind, scene.attempt ? "Exercise" : "Scene");
     button.dataset.hint = scene.attempt?.exercise.name ?? scene.name;
     root.classList.remove("loading");
