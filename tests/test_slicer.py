@@ -257,7 +257,7 @@ def test_the_verb_writes_a_scene(tmp_path):
         str(tmp_path / "out"),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["files"] == ["sonospline.mrb"]
+    assert json.loads(done.stdout)["files"] == ["sonospline.mrb", "PlusDeviceSet_Sonospline.xml"]
     assert Path(tmp_path, "out", "sonospline.mrb").stat().st_size > 10_000
     wrong = subprocess.run(
         [*command[:-1], str(tmp_path / "no"), "--watch", "liver"], capture_output=True, text=True, check=False
