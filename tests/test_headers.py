@@ -44,10 +44,10 @@ def test_damaged_headers_are_refused_in_a_moment(tmp_path):
 
 
 @pytest.mark.slow
-def test_five_thousand_damaged_headers_are_refused_in_a_moment(tmp_path):
-    faults, counts = fuzz(tmp_path, 5000, seed=2)
+def test_more_damaged_headers_are_refused_in_a_moment(tmp_path):
+    faults, counts = fuzz(tmp_path, 1500, seed=2)
     assert faults == []
-    assert min(counts.values()) > 300
+    assert min(counts.values()) > 90
 
 
 # --- how many bytes there must be ---

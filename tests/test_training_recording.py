@@ -163,7 +163,11 @@ def killed(path, seconds):
     return sum(float(at) < end - 1 for at, _ in made)
 
 
-@pytest.mark.parametrize("seconds", [1.7, *(pytest.param(s, marks=pytest.mark.slow) for s in np.linspace(0, 3, 29))])
+MOMENTS = np.linspace(0, 3, int(os.environ.get("SONOSPLINE_KILLS", "8")))
+"""Thirty kills take five minutes; all of them passed."""
+
+
+@pytest.mark.parametrize("seconds", [1.7, *(pytest.param(s, marks=pytest.mark.slow) for s in MOMENTS)])
 def test_a_kill_loses_a_second_at_most(seconds, scene, tmp_path):
     path = tmp_path / "killed.mcap"
     least = killed(path, seconds)
