@@ -92,7 +92,7 @@ class Display:
         return slider_db(self.tgc_db, probe.depth_mm, probe.ranges)
 
     def offset_db(self, probe: Probe, speckle_power: Array) -> NDArray[np.float32]:
-        """What brings the logarithm of the power to the display: the speckle's own power taken out, TGC and gain added."""
+        """What brings the logarithm of the power to the display: the speckle's own taken out, TGC and gain added."""
         tgc = 2 * self.tgc_db_cm_mhz * probe.frequency_mhz * probe.ranges / 10
         offset = tgc - 10 * np.log10(speckle_power) + self.gain_db
         return (offset + self.slider_db(probe) if self.tgc_db else offset).astype(np.float32)
