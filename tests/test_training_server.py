@@ -169,7 +169,9 @@ def test_an_attempt_ends_in_a_debrief_that_the_recording_bears_out(served, train
     for step in (debrief["steps"] - 1, 0, *sorted(seen)):  # frames are numbered as steps are
         trainee.send(type="show_step", step=step)
         header = trainee.heard(wire.FRAME, lambda header, step=step: (header["replay"] or {}).get("step") == step)
-        assert header["replay"]["same"] and header["needle"] is not None
+        assert header["replay"]["same"]
+        for needle in (recording.steps[step].needles or {}).values():
+            np.testing.assert_allclose(header["needle"]["tip"], needle.tip, atol=1e-3)  # hidden before, now shown
         if step in seen:
             np.testing.assert_array_equal(trainee.pixels, seen[step])
     trainee.ask(depth=3.0)

@@ -26,6 +26,11 @@ def digest(*values: Any) -> str:
     return found.hexdigest()
 
 
+def digest_of_bytes(content: bytes) -> str:
+    """Return a short text that two files of the same bytes share."""
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
 def _parts(value: Any) -> Iterator[bytes]:
     """The bytes of a value, each piece with its length so that no two values share them."""
     if isinstance(value, np.ndarray):

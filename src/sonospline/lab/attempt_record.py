@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-import msgspec
-
+from .._digest import digest_of_bytes
 from ..training.attempt import Result
-from ..training.exercise import Exercise
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,21 +63,11 @@ class AttemptRecord:
         """
         known = {name: value for name, value in result.metrics.items() if value == value}
         return cls(
-            exercise=result.exercise.name, exercise_hash=exercise_hash(result.exercise), seed=result.seed,
+            exercise=result.exercise.name, exercise_hash=result.exercise.content_hash, seed=result.seed,
             ended=result.ended, passed=result.passed, verdict=result.verdict, seconds=known["time_s"], metrics=known,
             began=began or datetime.now(UTC), recording=None if recording is None else recording.name,
-            recording_hash=None if recording is None else content_hash(recording),
+            recording_hash=None if recording is None else digest_of_bytes(recording.read_bytes()),
         )  # fmt: skip
 
     def __repr__(self) -> str:
         return f"AttemptRecord({self.exercise!r}, {self.ended}, {'passed' if self.passed else 'not yet'})"
-
-
-def exercise_hash(exercise: Exercise) -> str:
-    """Return a short text that exercises of equal content share."""
-    return hashlib.blake2b(msgspec.json.encode(exercise), digest_size=16).hexdigest()
-
-
-def content_hash(path: Path) -> str:
-    """Return that of a file's bytes, as :attr:`Recording.content_hash` is."""
-    return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()

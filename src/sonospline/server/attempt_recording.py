@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import logging
 import secrets
 import tempfile
@@ -11,8 +10,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import msgspec
 
 from .._extras import MissingExtraError
 
@@ -95,11 +92,8 @@ class AttemptRecording:
 
 def about(attempt: Attempt) -> dict[str, str]:
     """Return what a recording says of its attempt."""
-    content = msgspec.json.encode(attempt.exercise)
-    return {
-        "exercise": attempt.exercise.name, "exercise_hash": hashlib.blake2b(content, digest_size=16).hexdigest(),
-        "seed": str(attempt.seed),
-    }  # fmt: skip
+    exercise = attempt.exercise
+    return {"exercise": exercise.name, "exercise_hash": exercise.content_hash, "seed": str(attempt.seed)}
 
 
 class Recordings:

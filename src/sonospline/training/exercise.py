@@ -9,6 +9,7 @@ from typing import Annotated, Literal, get_args
 import msgspec
 import numpy as np
 
+from .._digest import digest_of_bytes
 from ..geometry.needle import Needle
 from ..io.files import read_text
 from ..io.records import LONGEST_LIST, FieldError, Record, Text, about
@@ -136,6 +137,11 @@ class Exercise(Record, frozen=True, kw_only=True):
             known = ", ".join(SHIPPED_EXERCISES)
             raise ValueError(f"exercise = {name!r} is not known; choose one of {known}, or read a .toml file")
         return cls.parse(files(__package__).joinpath(f"exercises/{name}.toml").read_text(), file=f"{name}.toml")
+
+    @property
+    def content_hash(self) -> str:
+        """A short text that exercises of equal content share."""
+        return digest_of_bytes(msgspec.json.encode(self))
 
     @property
     def task(self) -> Task:

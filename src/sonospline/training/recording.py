@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -13,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from .._digest import digest_of_bytes
 from .._extras import require
 from .._shown import shown
 from .recorder import FORMAT, HEADER, STEPS
@@ -67,7 +67,7 @@ class Recording:
         steps = tuple(_steps(path.name, messages))
         if not steps:
             raise ValueError(f"{path.name} holds no step")
-        return cls(header, steps, whole, hashlib.blake2b(content, digest_size=16).hexdigest())
+        return cls(header, steps, whole, digest_of_bytes(content))
 
     @property
     def seconds(self) -> float:
