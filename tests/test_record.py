@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import sonospline as ss
 from sonospline import cli
+from sonospline.io.pose_table import COLUMNS, PoseRow, read_poses, write_poses
 from sonospline.lab import ResultStore
 from sonospline.training import Recording
-from sonospline.training.pose_table import COLUMNS, PoseRow, read_poses, write_poses
 from sonospline.training.recording import pose_of
 
 places = st.tuples(*[st.floats(-1e3, 1e3)] * 3)

@@ -308,7 +308,6 @@ LEFT_OUT = {
     *(simulator.Command, simulator.Knobs, simulator.SceneFile, simulator.Constrained),  # settings, all of them scalars
     igtl.Framer,  # a stream
     *(tracking.LinkClient, tracking.RecordedHand),  # a service, a thread
-    training.PoseRow,  # a row
     *(training.Attempt, training.Expert, training.Hand, training.Novice),  # which hold no arrays
     *(training.GrowingTrace, training.ReplayPlayer),
     *(simulator.Runner, simulator.Stamp, simulator.Subscription),  # which hold no arrays

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ..io.pose_table import PoseRow, read_poses
 from ..lab.attempt_record import AttemptRecord
 from ..lab.result_store import ResultStore
 from ..simulator.scene import Scene
@@ -17,7 +18,6 @@ from ..simulator.session import Session
 from ..training.attempt import Attempt
 from ..training.exercise import SHIPPED_EXERCISES, Exercise
 from ..training.hands import Expert, Hand, Novice, performed
-from ..training.pose_table import PoseRow, read_poses
 from ..training.recorder import Recorder
 from . import _limits
 from ._progress import track

@@ -13,9 +13,6 @@ from .hands import performed as performed
 from .metric import METRICS as METRICS
 from .metric import measure as measure
 from .metric_kind import Metric as Metric
-from .pose_table import PoseRow as PoseRow
-from .pose_table import read_poses as read_poses
-from .pose_table import write_poses as write_poses
 from .recorder import Recorder as Recorder
 from .recording import Recording as Recording
 from .replay import replay as replay

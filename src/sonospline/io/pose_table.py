@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from .._shown import shown
 from ..geometry.needle import Needle
-from ..io.tables import Row, read_rows
-from ..io.writing import write_text
+from .tables import Row, read_rows
+from .writing import write_text
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def read_poses(path: str | PathLike[str]) -> list[PoseRow]:
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from sonospline.training import PoseRow, read_poses, write_poses
+    >>> from sonospline.io.pose_table import PoseRow, read_poses, write_poses
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "hand.csv"
     >>> write_poses([PoseRow(0.0), PoseRow(0.5, Needle((50, 50, 0), (50, 50, 30)))], path)
     >>> read_poses(path)
