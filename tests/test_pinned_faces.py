@@ -8,6 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 import sonospline as ss
 from elastic_problems import GRADIENT, system_of
+from sonospline import models
 from sonospline.elasticity import ElasticSolver, driven
 from sonospline.fem.scikit import ScikitFem
 from sonospline.fem.scikit_assembly import assemble
@@ -95,3 +96,19 @@ def test_a_needle_moves_tissue_with_free_sides_as_scikit_fem_has_it():
     exact = np.moveaxis(exact.reshape(*GRID.shape, 3), -1, 0)
     assert relative(solver.solve(load, needle).displacement, exact) < 1e-3
     assert np.abs(exact[:, :, 0]).max() > 0.2 * np.abs(exact).max()  # the free side y- has moved
+
+
+def test_models_that_differ_in_their_pins_know_each_other_s_states_apart():
+    grid = ss.Grid.unit_cube(9)
+    some, all_but_one = ss.Tissue(grid, "z-", pinned_faces=("x-", "x+", "z+")), ss.Tissue(grid, "z-")
+    for name in ("paper", "kelvinlet", "elastic"):
+        one, other = (models.make(name, tissue) for tissue in (some, all_but_one))
+        assert one.identity != other.identity, name
+        with pytest.raises(ValueError, match="state"):
+            other.step(one.rest, {"needle": ss.Needle((0.5, 0.5, 0), (0.5, 0.5, 0.4))})
+
+
+def test_all_nodes_of_faces_that_no_reflection_maps_on_each_other_are_refused():
+    lopsided = ss.Tissue(ss.Grid.unit_cube(9), "z-", pinned_faces=("x+", "y-"))
+    with pytest.raises(ValueError, match=r"anchors = 'all' needs opposite faces .* give a number of anchors"):
+        models.make("paper", lopsided, anchors="all")

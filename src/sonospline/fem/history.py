@@ -119,8 +119,8 @@ def history_of(
 
 
 def _signature(model: FiniteElementModel, needle: Needle, steps: int, load: Load) -> str:
-    grid = model.tissue.grid
-    lattice = (grid.shape, grid.spacing, grid.origin.tolist(), grid.direction.tolist(), model.tissue.entry_face)
+    grid, faces = model.tissue.grid, (model.tissue.entry_face, model.tissue.pinned_faces)
+    lattice = (grid.shape, grid.spacing, grid.origin.tolist(), grid.direction.tolist(), *faces)
     physics = (needle.entry.tolist(), needle.tip.tolist(), steps, digest(load, model.material))
     return _cache.digest(*lattice, *physics, model.element, model.integration, model.engine)
 

@@ -239,8 +239,8 @@ class TissueModel(ABC):
     @cached_property
     def identity(self) -> Identity:
         """What its states are known by."""
-        grid = self.tissue.grid
-        box = (grid.shape, grid.spacing, grid.origin, grid.direction, self.tissue.entry_face)
+        grid, tissue = self.tissue.grid, self.tissue
+        box = (grid.shape, grid.spacing, grid.origin, grid.direction, tissue.entry_face, tissue.pinned_faces)
         return Identity(self.name, grid.shape, digest(type(self).__qualname__, box, self._options()))
 
     @property

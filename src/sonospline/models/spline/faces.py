@@ -70,14 +70,20 @@ class FaceBase(Base):
         self._points = (nodes * grid.spacing - grid.extent / 2) / scale
         entry_axis = FACES.index(tissue.entry_face) // 2
         along_face = [axis for axis in range(3) if axis != entry_axis]
+        if not all(np.array_equal(tissue.pinned, np.flip(tissue.pinned, axis)) for axis in along_face):
+            raise ValueError(
+                f"anchors = 'all' needs opposite faces beside the entry both pinned or both free, and pinned_faces = "
+                f"{tissue.pinned_faces}; give a number of anchors"
+            )
         orbits = _orbits(nodes, grid.shape, along_face)
         # Two square matrices of a block at once while it is made, half a one for each block kept.
         _memory.refuse_beyond(4 * 8 * len(orbits) ** 2, f"anchors = 'all' with {self.size:,} face nodes")
         largest = float(kernel.matrix(self._points[:1], self._points[-1:])[0, 0])  # opposite corners
         augmentation = _AUGMENTATION * abs(largest)
         self._blocks = [_Block(parity, orbits, self._points, along_face, augmentation) for parity in _PARITIES]
+        faces = tissue.entry_face, tissue.pinned_faces
         signature = (_CACHE_FORMAT, grid.shape, np.round(np.divide(grid.spacing, scale), 12).tolist())
-        folder = f"faces-{_cache.digest(*signature, tissue.entry_face, repr(kernel), diagonal)}"
+        folder = f"faces-{_cache.digest(*signature, *faces, repr(kernel), diagonal)}"
         for number, block in enumerate(self._blocks):
             if progress:
                 progress(number, len(self._blocks))
