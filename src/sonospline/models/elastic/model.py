@@ -97,7 +97,8 @@ class ElasticModel(TissueModel):
     reuse : float, default: 0.6
         Friction in a track that the tip has left, over that of a fresh one; assumed.
     relaxation : {"none", "tissue"}, default: "none"
-        Whether tissue relaxes in time, by the ``relaxation_exponent`` of its materials; with ``contact="track"``.
+        Whether tissue relaxes in time, by the ``relaxation_exponent`` of its materials; with ``contact="track"``. With
+        the last needle its past leaves, too: a body without a needle is at rest.
 
     Raises
     ------
@@ -267,16 +268,20 @@ class ElasticModel(TissueModel):
         return self._loaded(loading, solution, beside)
 
     def _at_rest(self, in_time: NeedlesInTime, response: Response, tolerance: float) -> Response:
-        """A response some steps on at the same poses."""
+        """A response some steps on at the same poses, with what happened on the way."""
+        events = response.events
         for _ in range(_MOST_ROUNDS):
             if (response.error_estimate or 0.0) <= tolerance:
-                return response
+                break
             assert isinstance(response.state, ElasticTissueState)
             response = self._stepped(in_time, response.state, dict(response.state.needles), 0.0, looks=1)
-        raise NotConvergedError(
-            f"the error estimate is {response.error_estimate:.1e} after {_MOST_ROUNDS} steps, above tolerance = "
-            f"{tolerance:g}; allow a larger one"
-        )
+            events = *events, *response.events
+        if (response.error_estimate or 0.0) > tolerance:
+            raise NotConvergedError(
+                f"the error estimate is {response.error_estimate:.1e} after {_MOST_ROUNDS} steps, above tolerance = "
+                f"{tolerance:g}; allow a larger one"
+            )
+        return replace(response, events=events)
 
     def _advanced(self, solution: ElasticState, loading: Loading, budget: int) -> ElasticState:
         return self.solver.advance(solution, loading.total, tolerance=self.tolerance, budget=budget)
@@ -309,7 +314,8 @@ class ElasticModel(TissueModel):
     def grid_error(self, response: Response) -> GridError | None:
         """Return the error that the solver's cells leave in a response: measured, as some steps on a coarser grid cost.
 
-        None where cells of twice the sides cannot tell bone from what moves.
+        None where cells of twice the sides cannot tell bone from what moves, and in tissue that relaxes, whose past the
+        coarser grid does not share.
 
         Raises
         ------
@@ -320,7 +326,7 @@ class ElasticModel(TissueModel):
         assert isinstance(response.field, GridField)
         if not state.needles:
             return GridError(0.0, 0.0)
-        if self._coarser is None:
+        if self._coarser is None or (self._in_time is not None and self._in_time.tissue.times_s):
             return None
         return grid_error(response.field, self._coarser, *self._load_on(self._coarser, state))
 
