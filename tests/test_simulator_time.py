@@ -86,7 +86,7 @@ def test_the_needle_is_taken_back_to_rest_and_its_field_carried_along(breathing,
     session = Session(scene)
     session.resume(breathing.last)
     frame = session.step(needles=one(), dt=0.1)
-    background = session._breathing().at(frame.readouts.excursion)
+    background = session._breathing(session.last.tissue).at(frame.readouts.excursion)
     world, rest = frame.needle, frame.undeformed["needle"]
     assert background.forward(rest.tip) == pytest.approx(world.tip, abs=1e-4)
     assert np.linalg.norm(rest.tip - world.tip) > 0.3

@@ -311,36 +311,36 @@ class Session:
             return None
         breath = None if self.last is None else self.last.breath
         if breath is None and tissue.breathing != "none":
-            breath = Breath(self._breathing().breathing, now)
+            breath = Breath(self._breathing(tissue).breathing, now)
         return None if breath is None else breath.asked(tissue.breathing, now)
 
     def _without_needles(self, poses: Poses, breath: Breath | None, now: float) -> _Moving:
         """Where tissue is whatever the needles do; models without time know of neither breath nor probe."""
         excursion = 0.0 if breath is None else breath.excursion_mm(now)
-        breathed = None if breath is None else self._breathing().at(excursion)
+        breathed = None if breath is None else self._breathing(poses.tissue).at(excursion)
         if poses.tissue.probe == "looks" or not knows_time(self.model):
             return _Moving(breathed, excursion, None)
-        pressed = self._pressing().at(poses.probe_to_reference)
+        pressed = self._pressing(poses.tissue).at(poses.probe_to_reference)
         return _Moving(both(breathed, pressed.field), excursion, pressed.force_n)
 
-    def _breathing(self) -> MovingTissue:
+    def _breathing(self, tissue: TissueSettings) -> MovingTissue:
         """How the scene's tissue breathes, made when first asked for, on the nodes of its elastic model."""
         if self._moving is None:
-            self._moving = MovingTissue.of(self.scene, self._solver())
+            self._moving = MovingTissue.of(self.scene, self._solver(tissue))
         return self._moving
 
-    def _pressing(self) -> PressedTissue:
+    def _pressing(self, tissue: TissueSettings) -> PressedTissue:
         """How the probe dents the scene's tissue, made when first asked for."""
         if self._pressed is None:
-            self._pressed = pressed_tissue(self.scene, self._solver())
+            self._pressed = pressed_tissue(self.scene, self._solver(tissue))
         return self._pressed
 
-    def _solver(self) -> ElasticSolver:
-        """That of the scene's elastic model."""
+    def _solver(self, tissue: TissueSettings) -> ElasticSolver:
+        """That of the scene's elastic models, which share it; of the one that answers, where none is made yet."""
         from ..models.elastic.model import ElasticModel
 
-        models = [model for model in self._models.values() if isinstance(model, ElasticModel)]
-        model = models[0] if models else self._model(_Kind("elastic", "pose", "none"))
+        models = [model for model in tuple(self._models.values()) if isinstance(model, ElasticModel)]
+        model = models[0] if models else self._model(self._kind("elastic", tissue))
         assert isinstance(model, ElasticModel)
         return model.solver
 
