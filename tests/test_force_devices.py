@@ -24,6 +24,7 @@ from sonospline.link import (
     PageDevice,
     UdpDevice,
 )
+from sonospline.link.device import DeviceThread
 from sonospline.link.udp_device import FORCE, MAGIC, STATE
 from test_force_loop import until
 
@@ -259,3 +260,25 @@ def test_a_hand_without_tissue_goes_where_it_wants_to_be():
     felt = device.move(lambda t: (0.0, 3.0, 4.0), seconds=1.0)
     assert felt.positions_mm[-1, 0] == pytest.approx([0, 3, 4], abs=1e-3)
     assert not felt.forces_n.any()
+
+
+class Odd:
+    """A device that fails as no document says."""
+
+    name, limits, closed = "odd", DeviceLimits(3.0), False
+
+    def read(self):
+        raise OverflowError("int too large to convert to float")
+
+    def write(self, force_n):
+        pass
+
+    def close(self):
+        self.closed = True
+
+
+def test_whatever_a_device_raises_it_is_closed_and_said(caplog):
+    device = Odd()
+    thread = DeviceThread(device, lambda state: None, lambda: (0.0, 0.0, 0.0))
+    assert until(lambda: not thread.alive)
+    assert device.closed and thread.fault == "odd: int too large to convert to float"

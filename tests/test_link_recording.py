@@ -92,3 +92,15 @@ def test_every_channel_of_a_device_set_of_plus_leads_somewhere():
     names = {f"{source.attrib['Id']}To{devices['TrackerDevice']['ToolReferenceFrame']}"
              for source in root.iter("DataSource") if source.attrib.get("Type") == "Tool"}  # fmt: skip
     assert names == {"ProbeToReference", "StylusToReference"}
+
+
+def test_a_frame_that_was_cut_off_shifts_none_after_it(tmp_path):
+    """A disk that was full for a moment: what of a frame was written is written over."""
+    sitk = pytest.importorskip("SimpleITK")
+    writer = SequenceWriter(tmp_path / "one.igs.mha")
+    pose = {"ProbeToTracker": (turned(1), True)}
+    writer.add(np.full((3, 4), 10, np.uint8), 0.0, pose)
+    writer._pixels.write(b"half")
+    writer.add(np.full((3, 4), 20, np.uint8), 0.1, pose)
+    writer.close()
+    assert (sitk.GetArrayFromImage(sitk.ReadImage(str(writer.path)))[:, 0, 0] == (10, 20)).all()

@@ -11,6 +11,8 @@ from tempfile import TemporaryFile
 import numpy as np
 from numpy.typing import NDArray
 
+from .writing import beside
+
 Array = NDArray[np.float64]
 
 SUFFIX = ".igs.mha"
@@ -105,6 +107,7 @@ class SequenceWriter:
         for name, (matrix, seen) in transforms.items():
             fields[f"{name}Transform"] = " ".join(f"{x:.9g}" for x in np.asarray(matrix).ravel())
             fields[f"{name}TransformStatus"] = "OK" if seen else "INVALID"
+        self._pixels.seek(len(self._frames) * pixels.nbytes)  # a frame that was cut off is written over
         self._pixels.write(np.ascontiguousarray(pixels).tobytes())
         self._shape = pixels.shape
         self._frames.append({**fields, "Timestamp": f"{time_s:.6f}", "ImageStatus": "OK"})
@@ -116,11 +119,9 @@ class SequenceWriter:
                 raise ValueError(f"{self.path.name} has no frames; record for longer")
             rows, columns = self._shape
             self._pixels.seek(0)
-            partial = self.path.with_name(f".{self.path.name}.part")
-            with partial.open("xb") as file:
+            with beside(self.path) as partial, partial.open("xb") as file:
                 file.write(sequence_header((columns, rows, self.frames), self._frames, orientation=self._orientation))
                 shutil.copyfileobj(self._pixels, file)
-            partial.replace(self.path)
 
     def __repr__(self) -> str:
         return f"SequenceWriter({self.path.name!r}, {self.frames} frames)"

@@ -27,7 +27,7 @@ _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 
 def write_bytes(path: str | PathLike[str], data: bytes) -> None:
     """Write a file; OSError where not all of it arrives, and then ``path`` is as it was."""
-    with _beside(Path(path)) as partial:
+    with beside(Path(path)) as partial:
         partial.write_bytes(data)
         if partial.read_bytes() != data:
             raise OSError("what was read back is not what was written")
@@ -54,7 +54,7 @@ def write_image(image: Any, path: str | PathLike[str]) -> None:
         The suffix says the format. A header with its data in another file (.mhd, .nhdr) moves last.
     """
     sitk = require("SimpleITK")
-    with _beside(Path(path)) as partial:
+    with beside(Path(path)) as partial:
         try:
             with _silence():
                 sitk.WriteImage(image, str(partial), useCompression=True)
@@ -64,7 +64,7 @@ def write_image(image: Any, path: str | PathLike[str]) -> None:
 
 
 @contextmanager
-def _beside(path: Path) -> Iterator[Path]:
+def beside(path: Path) -> Iterator[Path]:
     """Yield a path of the same name in a folder of its own; what is there in the end moves beside ``path``."""
     try:
         with tempfile.TemporaryDirectory(prefix=".partial-", dir=path.parent, ignore_cleanup_errors=True) as folder:

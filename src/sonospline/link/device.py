@@ -107,7 +107,7 @@ class DeviceThread:
         fault = self._served()
         try:
             self.device.close()
-        except (OSError, ValueError) as error:
+        except Exception as error:  # of a device of anybody's
             logger.warning("%s: %s", self.device.name, error)
         if fault:
             logger.warning("%s", fault)
@@ -121,8 +121,8 @@ class DeviceThread:
                 if state is not None:
                     self._take(state)
                     device.write(device.limits.within(self._force()))
-        except (OSError, ValueError, ImportError) as error:
-            return f"{device.name}: {error}"
+        except Exception as error:  # of a device of anybody's: whatever it is, the force must end
+            return f"{device.name}: {str(error) or type(error).__name__}"
         return ""
 
 

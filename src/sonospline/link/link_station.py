@@ -167,8 +167,8 @@ class LinkStation:
         """Hang up on all clients and trackers."""
         for source in self._sources:
             source.close()
-        self.recording.close()
         self.server.close()
+        self.recording.close()
 
     def _meshes_of(self, scene: Scene) -> MeshMessages:
         if self._meshes is None or self._meshes[0] is not scene:

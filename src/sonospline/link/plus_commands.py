@@ -75,7 +75,7 @@ class CommandDesk:
         try:
             command = command_of(message)
             outcome = self._done_by(command)
-        except ValueError as error:
+        except (ValueError, OSError) as error:
             command = _nameless(message)
             outcome = Outcome(_FAILED, ok=False, error=str(error))
         return [reply(command, outcome)]

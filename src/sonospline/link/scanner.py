@@ -172,14 +172,12 @@ class Scanner:
                 continue  # nobody looks
             try:
                 wanted = self._newest()
-                frame = self._step(wanted, dt)
-            except Exception as error:  # whatever a model raises, the last frame stays
+                tip = self._waiting if wanted.tip_to_reference is None else wanted.tip_to_reference
+                self.station.show(self._step(wanted, dt), self.scene, tip)
+            except Exception as error:  # whatever a model or a client's transform raises, the next frame may do
                 self.station.warn(str(error) or type(error).__name__)
-                continue
-            self.frames += 1
-            self.station.show(
-                frame, self.scene, self._waiting if wanted.tip_to_reference is None else wanted.tip_to_reference
-            )
+            else:
+                self.frames += 1
 
     def _do(self, action: Callable[[], object]) -> None:
         with self._lock:

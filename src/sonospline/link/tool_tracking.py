@@ -14,13 +14,15 @@ from ..geometry.pose import rigid
 from ..tracking.clutch import Clutch
 from ..tracking.pose_track import PoseTrack, StampClock
 from ..tracking.transform_repository import TransformRepository, frames_of
-from .coordinate_frames import TRANSDUCER, WORLD, CoordinateFrames
+from .coordinate_frames import IMAGE, TRANSDUCER, WORLD, CoordinateFrames
 
 Array = NDArray[np.float64]
 
 NEEDLE, PROBE = "needle", "probe"
 OWNED_S = 2.0
 """How long a transform stays with the sender that gave it last."""
+_MOST_NAMES = 64
+"""Of transforms, which clients choose."""
 
 
 class ToolTracking:
@@ -79,8 +81,10 @@ class ToolTracking:
     def wants(self, name: str) -> bool:
         """Return whether a transform is about any of the coordinate systems that are known here, and no definition."""
         try:
-            source, _ = frames_of(name)
+            source, target = frames_of(name)
         except ValueError:
+            return False
+        if IMAGE in (source, target):  # the simulator's own: it follows from the probe
             return False
         frames = self._frames
         tools = {frames.needle, frames.probe, frames.tip, TRANSDUCER, frames.reference}
@@ -110,12 +114,14 @@ class ToolTracking:
             Not rigid, somebody else's, or in contradiction to what is known.
         """
         now = self._clock()
+        pose = rigid(name, matrix) if seen else None
         with self._lock:
+            if name not in self._owners and len(self._owners) >= _MOST_NAMES:
+                raise ValueError(f"{name} is one transform more than the {_MOST_NAMES} that are followed; give fewer")
             self._own(name, source, now)
-            if not seen:
+            if pose is None:
                 self._unseen.add(name)
                 return
-            pose = rigid(name, matrix)
             self._known.set(name, pose)
             self._unseen.discard(name)
             measured = self._clocks.setdefault(source, StampClock()).measured(stamp_s, now)
