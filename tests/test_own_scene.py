@@ -5,7 +5,7 @@ import pytest
 
 import sonospline as ss
 from sonospline.io.tables import read_names
-from sonospline.server.own_scene import own_scene
+from sonospline.server.own_scene import _seen, _way, own_scene
 from sonospline.simulator import Session, make_scene
 
 NAMES = {1: "kidney_left", 2: "rib_left_11", 3: "liver", 4: "autochthon_left"}
@@ -85,3 +85,17 @@ def test_an_image_without_skin_says_so(tmp_path, caplog):
     scene = own_scene(tmp_path / "full.nrrd", labelled=False)
     assert scene.tissue.entry_face == "y+"
     assert "no skin was found" in caplog.text
+
+
+def test_a_ct_alone_has_its_skin_outside_its_lungs_and_off_its_table():
+    x, y = np.ogrid[:40, :40, :1][:2]
+    hu = np.full((40, 40, 12), -1000, np.int16)
+    hu[np.broadcast_to((x - 20) ** 2 + (y - 18) ** 2 < 14**2, hu.shape)] = 40
+    hu[np.broadcast_to((x - 20) ** 2 + (y - 12) ** 2 < 4**2, hu.shape)] = -800  # a lung
+    hu[:, 36:38] = 100  # the table
+    ct = ss.Volume(voxels=hu, spacing=(3, 3, 3))
+    body = _seen(ct)
+    assert body[20, 12, 6] and not body[20, 37, 6]
+    ways = {face: _way(ct, body, np.zeros_like(body), np.array((20, 18, 6)), face) for face in ss.FACES}
+    assert [ways[face].skin[1] for face in ("y-", "y+")] == [5, 31]
+    assert ways["z-"] is None and ways["z+"] is None, "the patient is cut there"

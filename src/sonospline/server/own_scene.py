@@ -132,18 +132,29 @@ def _is(name: str, tissues: tuple[str, ...]) -> bool:
 
 def _body(labels: Volume, ct: Volume | None) -> Mask:
     """What is patient: by the CT, else what lies among the labels, closed, and a skin around it."""
-    from scipy.ndimage import binary_fill_holes, distance_transform_edt, label
+    from scipy.ndimage import distance_transform_edt
 
     if ct is not None:
-        solid = ct.nearest_on(labels.lattice, outside=-1000).voxels > _AIR_HU
-        parts, count = label(solid)
-        if count > 1:
-            solid = parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
-    else:
-        away = distance_transform_edt(labels.voxels == 0, sampling=labels.spacing)
-        grown = np.pad(away < _CLOSING_MM, 1, mode="edge")
-        inside = distance_transform_edt(grown, sampling=labels.spacing)[1:-1, 1:-1, 1:-1]
-        solid = inside > _CLOSING_MM - _SKIN_MM
+        return _solid(ct.nearest_on(labels.lattice, outside=-1000))
+    away = distance_transform_edt(labels.voxels == 0, sampling=labels.spacing)
+    grown = np.pad(away < _CLOSING_MM, 1, mode="edge")
+    inside = distance_transform_edt(grown, sampling=labels.spacing)[1:-1, 1:-1, 1:-1]
+    return _filled(inside > _CLOSING_MM - _SKIN_MM)
+
+
+def _solid(ct: Volume) -> Mask:
+    """The largest part of a CT that is no air: neither the table, nor without its lungs and bowels."""
+    from scipy.ndimage import label
+
+    solid: Mask = ct.voxels > _AIR_HU
+    parts, count = label(solid)
+    return _filled(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count > 1 else solid)
+
+
+def _filled(solid: Mask) -> Mask:
+    """With what it encloses, slice by slice."""
+    from scipy.ndimage import binary_fill_holes
+
     filled: Mask = np.stack([binary_fill_holes(part) for part in np.moveaxis(solid, 2, 0)], axis=2)
     return filled
 
@@ -151,8 +162,7 @@ def _body(labels: Volume, ct: Volume | None) -> Mask:
 def _seen(volume: Volume) -> Mask:
     """What of an image is patient: all but the air of a CT, or all that a sweep saw."""
     if volume.voxels.min() < _AIR_HU:
-        solid: Mask = volume.voxels > _AIR_HU
-        return solid
+        return _solid(volume)
     return swept(volume)
 
 
@@ -214,7 +224,7 @@ def _way(volume: Volume, body: Mask, blocks: Mask, centre: NDArray[np.int64], fa
     line = np.moveaxis(body, axis, 0)[(slice(None), *np.delete(centre, axis))]
     outwards = line[centre[axis] :] if end else line[centre[axis] :: -1]
     outside = np.flatnonzero(~outwards)
-    if not len(outside):
+    if outwards[-1]:
         return None
     skin = centre.copy()
     skin[axis] += side * (outside[-1] - int(np.argmax(outwards[outside[-1] :: -1])) if outwards.any() else 0)
