@@ -261,7 +261,7 @@ class Driver:
         """A picture of the 3-D view once it stands still, and differs from an earlier one."""
         end = time.monotonic() + PATIENCE_S
         before, now = None, self.view3d()
-        while before is None or not alike(now, before) or now == other_than:
+        while before is None or not alike(now, before) or (other_than and alike(now, other_than)):
             assert time.monotonic() < end, "the 3-D view did not come to rest"
             self.next_step()
             before, now = now, self.view3d()

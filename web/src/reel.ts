@@ -37,6 +37,9 @@ export class Reel {
       this.moved.emit(this.at);
     });
     trainer.session.drawn.on(({ header }) => header.replay && this.take(header.replay));
+    trainer.session.refused.on(({ what }) => {
+      if (what === "show_step") this.awaited = null; // the next one that is asked for may come
+    });
   }
 
   get course(): Course | null {

@@ -123,7 +123,8 @@ class Connection:
                 self._obey(message)
             case heard.View():
                 self._flow.view(message.grid, message.ahead)
-                self._ready("message").look_again()
+                if self._review is None:  # a replay is looked at as it comes
+                    self._ready("message").look_again()
             case heard.ChooseModel():
                 self._switch(message.model)
             case heard.ChooseTarget():

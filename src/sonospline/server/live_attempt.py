@@ -45,7 +45,11 @@ class LiveAttempt:
         self._meter = PassMeter()
         self.attempt = Attempt(exercise, scene, seed=seed, on_frame=self._take)
         recording.begin(self.attempt)
-        self.attempt.begin()
+        try:
+            self.attempt.begin()
+        except BaseException:
+            recording.close()
+            raise
 
     @property
     def console(self) -> Console:

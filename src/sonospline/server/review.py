@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from .scene_catalog import SceneCatalog
 from .sender import Sender
+from .server_messages import Refused
 from .wire import ReplayedStep
 from .worker import Worker
 
@@ -51,9 +52,8 @@ class Review:
 
     def show(self, step: int) -> None:
         """Have a step of the recording shown; one that was not looked at yet is forgotten."""
-        waits = self._wanted is not None
         self._wanted = step
-        if not waits and not self._ended:
+        if not self._ended:
             self._worker.submit(self._show)
 
     async def end(self) -> None:
@@ -91,7 +91,7 @@ class Review:
             self._sender.call(self._sender.put, self._picture(step))
         except Exception as error:
             logger.exception("a step could not be made again")
-            self._sender.report(f"the replay stopped: {error}")
+            self._sender.say_from_thread(Refused(what="show_step", message=f"could not be made again: {error}"))
 
     def _make_ahead(self, step: int) -> None:
         """Make some steps nobody has asked for yet, so that a jump finds one to go on from; in the worker."""

@@ -106,7 +106,11 @@ class SceneLoader:
 
     async def _bring(self, what: str, name: str, file: str | None, order: Callable[[], Future[Any]]) -> None:
         try:
-            stage = await asyncio.wrap_future(order())
+            ordered = order()
+            stage = await asyncio.wrap_future(ordered)
+        except asyncio.CancelledError:
+            ordered.add_done_callback(_close)  # what is in work is made all the same
+            raise
         except simulator.SceneError as error:
             self._refuse(what, error.problem, file=error.file, line=error.line)
         except (ValueError, OSError, ImportError, MemoryError) as error:
@@ -115,4 +119,14 @@ class SceneLoader:
             logger.exception("scene %s could not be made", name)
             self._refuse(what, f"could not be made ({error})", file=file)
         else:
-            await self._ready(name, stage)
+            try:
+                await self._ready(name, stage)
+            except asyncio.CancelledError:  # nobody has taken it
+                stage.close()
+                raise
+
+
+def _close(made: Future[Any]) -> None:
+    """End what nobody takes any more: an attempt has begun to be written down."""
+    if not made.cancelled() and made.exception() is None:
+        made.result().close()
