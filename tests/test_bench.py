@@ -7,7 +7,7 @@ import pytest
 
 from builds import needs_core
 from sonospline import _core, cli
-from sonospline.bench import contenders, machine, promises, timing
+from sonospline.bench import contenders, instruction_sets, machine, promises, timing
 from sonospline.bench.problem import Problem
 
 
@@ -96,6 +96,53 @@ def test_the_quick_race_writes_tables_json_and_a_picture(tmp_path, capsys, monke
     assert results["incremental"][0]["weights_error"] < 1e-10
     assert results["insertion_step"][1]["face_drift"] < 1e-6
     assert "surely_not_installed is not installed" in (tmp_path / "out" / "bench.md").read_text()
+
+
+@needs_core
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--isa", "avx2048"], "--isa avx2048 cannot run here; give some of"),
+        (["--isa", "baseline", "--live"], "--isa goes not with --live; leave one out"),
+        (["--isa", "baseline", "--quick"], "--isa goes not with --quick; leave one out"),
+    ],
+)
+def test_sets_that_cannot_race_are_refused_before_any_work(options, said, tmp_path, capsys):
+    assert cli.main(["bench", *options, "--out", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_sets_are_compared_turn_by_turn_and_judged_each_by_its_own_promise(monkeypatch):
+    part = "elastic step, 25^3, one thread"
+    raced = {part: {"avx2": timing.Times((2.0, 8.0, 2.4)), "avx512": timing.Times((1.0, 2.0, 1.2))}}
+    monkeypatch.setattr(instruction_sets, "_parts", lambda names, rounds, tell: raced)
+    poses = {"avx2": timing.Times((15.0,)), "avx512": timing.Times((12.0,))}
+    monkeypatch.setattr(instruction_sets, "_poses", lambda names, rounds, seconds: poses)
+    results = instruction_sets.measure(("avx2", "avx512"), 3, 1.0, lambda line: None)
+    assert results["isa"][0]["ratios"] == {"avx512": 0.5}
+    kept = {row["claim"]: row["kept"] for row in results["claims"]}
+    assert kept == {f"{part}, avx2, ms": True, f"{part}, avx512, ms": False, f"{instruction_sets.POSE}, avx2, ms": True}
+    assert f"| {part} | 2.40 (2.00) | 1.20 (1.00) | 0.50 |" in instruction_sets.report(results)
+
+
+@needs_core
+@pytest.mark.slow
+def test_each_set_runs_in_a_process_of_its_own(monkeypatch):
+    """The runner checks that it got the set that it asked for."""
+    part = "spline step, 53^3, one thread"
+    monkeypatch.setattr(instruction_sets, "WORKLOADS", {part: None})
+    names = ("baseline", _core.native.instruction_sets()[0])
+    raced = instruction_sets._parts(names, 1, lambda line: None)[part]
+    assert set(raced) == set(names)
+    assert all(len(times.rounds) == 1 and times.median > 0 for times in raced.values())
+
+
+@needs_core
+def test_a_process_that_ends_ends_the_race(monkeypatch):
+    monkeypatch.setattr(instruction_sets.sys, "executable", "/bin/false")
+    with pytest.raises(RuntimeError, match=r"a process of the race ended \(exit code 1\)"):
+        instruction_sets._parts(("baseline",), 1, lambda line: None)
 
 
 def test_the_race_needs_the_compiled_core(tmp_path, capsys, monkeypatch):

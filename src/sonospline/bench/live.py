@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import subprocess
 import sys
 import time
@@ -22,7 +23,7 @@ from .browser import NoBrowserError, pose_to_drawn_ms
 
 _RATE_HZ = 60.0
 _SPEED_MM_S = 20.0
-_WARM_UP_S = 1.0
+WARM_UP_S = 1.0
 _PATIENCE_S = 60.0
 """A machine so busy that no pose came back in time gets so long for the first one."""
 
@@ -46,7 +47,7 @@ class Page:
             self.out_of_order += header["seq"] < self.seq
             return
         self.seq = header["seq"]
-        if self.seq not in self.sent or self.sent[self.seq] < self.began + _WARM_UP_S:
+        if self.seq not in self.sent or self.sent[self.seq] < self.began + WARM_UP_S:
             return
         metrics = {
             "server_ms": header["server_ms"], "step_ms": header["step_ms"], "render_ms": header["render_ms"],
@@ -59,7 +60,7 @@ class Page:
 def measure(scene: str, seconds: float) -> dict[str, Any]:
     """Return medians and 95th percentiles of a scripted insertion, pull-back and sweep of so many seconds."""
     with serving(scene) as (address, _):
-        page, model = asyncio.run(_drive(socket_of(address), seconds))
+        page, model = asyncio.run(drive(socket_of(address), seconds))
     if not page.columns:
         raise RuntimeError(f"no frame showed a new pose within {seconds:g} s; measure for longer")
     rows = {name: _row(values) for name, values in page.columns.items()}
@@ -96,10 +97,10 @@ def _row(values: list[float]) -> dict[str, Any]:
 
 
 @contextmanager
-def serving(scene: str) -> Iterator[tuple[str, int]]:
-    """Yield the address and the process id of a server of its own."""
+def serving(scene: str, **environment: str) -> Iterator[tuple[str, int]]:
+    """Yield the address and the process id of a server of its own, with these variables in its environment."""
     command = [sys.executable, "-m", "sonospline", "serve", "--port", "0", "--json", "--scene", scene]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | environment)
     try:
         assert server.stdout is not None
         line = server.stdout.readline()
@@ -118,7 +119,8 @@ def socket_of(address: str) -> str:
     return address.replace("http://", "ws://") + "live"
 
 
-async def _drive(url: str, seconds: float) -> tuple[Page, str]:
+async def drive(url: str, seconds: float) -> tuple[Page, str]:
+    """Push the needle in and back out for so long; return what a page saw meanwhile, and the scene's model."""
     websockets, page = require("websockets"), Page()
     async with websockets.connect(url, max_size=2**24, compression=None) as socket:
         scene = await first_scene(socket)
