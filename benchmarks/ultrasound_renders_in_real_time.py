@@ -20,7 +20,8 @@ import sonospline as ss
 from sonospline import _core
 from sonospline.geometry import ImagePlane, facing
 from sonospline.geometry.layered_block import default_needle, layered_block
-from sonospline.ultrasound import Probe, Reslicer, Scanner, kidney_phantom
+from sonospline.phantoms import kidney_phantom
+from sonospline.ultrasound import Probe, Reslicer, Scanner
 
 
 def timed(name: str, frame: Callable[[int], object], count: int, target: float) -> None:

@@ -18,6 +18,7 @@ from sonospline.fields import NodeSlice, PlaneSlice
 from sonospline.geometry import ImagePlane, facing
 from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
+from sonospline.phantoms import kidney_phantom
 from sonospline.ultrasound import (
     Artefacts,
     Display,
@@ -26,7 +27,6 @@ from sonospline.ultrasound import (
     Probe,
     Reslicer,
     Scanner,
-    kidney_phantom,
     swept,
 )
 from sonospline.ultrasound.organs import phantom_from_organs

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from sonospline import _cache
+from sonospline.phantoms import kidney_phantom
 from sonospline.study.notebook import Notebook
-from sonospline.ultrasound import kidney_phantom
 
 ARRAY = np.random.default_rng(3).standard_normal((9, 11))
 
@@ -169,7 +169,7 @@ KEEP_AND_DRAW = """
 import sys
 from pathlib import Path
 from sonospline.io.canvas import picture
-from sonospline.ultrasound import kidney_phantom
+from sonospline.phantoms import kidney_phantom
 kidney_phantom(spacing_mm=4.0, kept=True)
 with picture(Path(sys.argv[1]), 2, 2):
     pass

@@ -23,6 +23,7 @@ FLOORS = (
     {"contact"},
     {"models"},
     {"fem", "ultrasound"},
+    {"phantoms"},
     {"simulator", "igtl"},
     {"training", "tracking"},
     {"lab"},

@@ -29,13 +29,14 @@ from sonospline import (
 from sonospline.contact.laying import begun
 from sonospline.geometry import layered_block
 from sonospline.models import elastic, spline
+from sonospline.phantoms import KidneyPhantom
 
 PACKAGES = [
     importlib.import_module(f"sonospline{name}")
     for name in (
         *("", ".geometry", ".fields", ".mechanics", ".models", ".models.elastic", ".models.spline"),
         *(".elasticity", ".contact", ".models.kelvinlet", ".ultrasound", ".fem", ".simulator", ".training"),
-        *(".igtl", ".link", ".tracking"),
+        *(".igtl", ".link", ".tracking", ".phantoms"),
     )
 ]
 LONGEST = 200
@@ -257,7 +258,7 @@ MAKERS = {
     ultrasound.Clip: lambda: ultrasound.Clip(
         np.zeros((50, 40, 30), np.uint8), (ultrasound.Region(0, 0, 9, 9, (1, 1)),), 40
     ),
-    ultrasound.KidneyPhantom: lambda: ss.kidney_phantom(spacing_mm=3),
+    KidneyPhantom: lambda: ss.kidney_phantom(spacing_mm=3),
     ultrasound.Region: lambda: REGION,
     fem.FiniteElementModel: lambda: fem.FiniteElementModel(BOX),
     fem.StepTimes: lambda: fem.StepTimes(*[1 / 3] * len(fem.StepTimes._fields)),

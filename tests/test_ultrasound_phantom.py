@@ -9,10 +9,11 @@ from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
 from sonospline.io.tables import read_names
-from sonospline.ultrasound import Phantom, Probe, Scanner, kidney_phantom
+from sonospline.phantoms import kidney_phantom
+from sonospline.phantoms.kidney import LABELS
+from sonospline.ultrasound import Phantom, Probe, Scanner
 from sonospline.ultrasound.acoustics import TISSUES, known, read_table
 from sonospline.ultrasound.cine import write_gif, write_sequence
-from sonospline.ultrasound.kidney import LABELS
 from sonospline.ultrasound.organs import phantom_from_organs, tissue_of
 
 

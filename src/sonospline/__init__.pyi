@@ -37,6 +37,7 @@ from .models import Response as Response
 from .models import Simulation as Simulation
 from .models import State as State
 from .models import TissueModel as TissueModel
+from .phantoms import kidney_phantom as kidney_phantom
 from .simulator import Session as Session
 from .ultrasound import AcousticTissue as AcousticTissue
 from .ultrasound import BMode as BMode
@@ -47,7 +48,6 @@ from .ultrasound import Phantom as Phantom
 from .ultrasound import Probe as Probe
 from .ultrasound import Reslicer as Reslicer
 from .ultrasound import Scanner as Scanner
-from .ultrasound import kidney_phantom as kidney_phantom
 from .ultrasound import swept as swept
 
 __version__: str

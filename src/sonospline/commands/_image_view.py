@@ -16,10 +16,10 @@ from ..geometry.plane import ImagePlane
 from ..geometry.pose import facing
 from ..io.labels import warn_of_labels
 from ..io.volumes import read_volume
+from ..phantoms.kidney import kidney_phantom
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
 from ..ultrasound.frame import Frame
-from ..ultrasound.kidney import kidney_phantom
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.phantom_file import read_phantom
 from ..ultrasound.probe import PROBES

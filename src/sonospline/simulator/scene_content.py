@@ -19,6 +19,7 @@ from ..io.volumes import read_volume
 from ..mechanics.material_table import BACKGROUND, MaterialTable
 from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
+from ..phantoms.generated import MECHANICAL_VOXEL_MM, PHANTOMS, GeneratedTissue
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
 from ..ultrasound.needle_echo import LOOKS
@@ -27,7 +28,6 @@ from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
-from .phantoms import MECHANICAL_VOXEL_MM, PHANTOMS, GeneratedTissue
 from .scene_file import SceneFile
 
 Array = NDArray[np.float64]

@@ -21,8 +21,8 @@ from ..mechanics.loads import LineLoad
 from ..mechanics.material import Material
 from ..mechanics.tissue_map import TissueMap
 from ..models.maker import DEFAULT_KPA
+from ..phantoms.kidney import LABELS
 from ..simulator import make_scene
-from ..ultrasound.kidney import LABELS
 from .insertions import PlannedInsertion, held_out_insertions
 
 _PLACES = 12

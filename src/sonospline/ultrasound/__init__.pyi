@@ -7,8 +7,6 @@ from .dicom import Region as Region
 from .dicom import read_dicom as read_dicom
 from .display import Display as Display
 from .frame import Frame as Frame
-from .kidney import KidneyPhantom as KidneyPhantom
-from .kidney import kidney_phantom as kidney_phantom
 from .needle_echo import NeedleEcho as NeedleEcho
 from .phantom import Phantom as Phantom
 from .probe import Probe as Probe

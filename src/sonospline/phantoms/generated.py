@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
-from ..ultrasound.kidney import BOX_MM, LABELS, kidney_phantom
 from ..ultrasound.phantom import Phantom
+from .kidney import BOX_MM, LABELS, kidney_phantom
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class GeneratedTissue:
 
 
 def kidney(voxel_mm: float) -> GeneratedTissue:
-    """Return the kidney of :func:`~sonospline.ultrasound.kidney_phantom`."""
+    """Return the kidney of :func:`~sonospline.phantoms.kidney_phantom`."""
     found = kidney_phantom(spacing_mm=voxel_mm, kept=True)
     return GeneratedTissue(
         phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,

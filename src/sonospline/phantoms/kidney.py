@@ -22,9 +22,9 @@ from ..geometry import pose
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.volume import Volume
-from ._canvas3d import Array, Canvas
-from ._canvas3d import __file__ as canvas_file
-from .phantom import Phantom
+from ..ultrasound.phantom import Phantom
+from .canvas import Array, Canvas
+from .canvas import __file__ as canvas_file
 
 LABELS = {
     0: "gel", 1: "skin", 2: "fat", 3: "muscle", 4: "fascia", 5: "bone", 6: "perirenal fat", 7: "kidney cortex",
@@ -91,7 +91,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool 
 
     Examples
     --------
-    >>> from sonospline.ultrasound import kidney_phantom
+    >>> from sonospline.phantoms import kidney_phantom
     >>> phantom = kidney_phantom(spacing_mm=2.0)
     >>> sorted(phantom.targets)
     ['lower calyx', 'pelvis', 'upper calyx']

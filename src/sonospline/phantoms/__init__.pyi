@@ -1,0 +1,2 @@
+from .kidney import KidneyPhantom as KidneyPhantom
+from .kidney import kidney_phantom as kidney_phantom
