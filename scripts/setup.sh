@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Everything that ./run, ./test and make need, made once: .venv, the page, and the system's packages for them.
 #   scripts/setup.sh [--no-install] PART...    parts: run, dev, page, browser, fenicsx, openigtlink,
-#                                            postgresql
+#                                            postgresql, slicer
 # A part that is ready costs a moment. What an interrupted start left is mended by the next one; two at once take turns.
 
 here=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -185,6 +185,24 @@ make_node_modules() {
     rm -rf web/node_modules
     mv build/web/node_modules web/node_modules
     rm -rf build/web
+}
+
+# --- 3D Slicer's own core, for the tests, in an environment of its own: it pins another VTK
+
+slicer=build/slicer
+slicer_pins=tests/oracles/slicer.txt
+
+# The stamp comes last: an interrupted installation is made anew.
+fresh_slicer() { cmp -s "$slicer_pins" "$slicer/pins"; }
+
+make_slicer() {
+    ! fresh_slicer || return 0
+    say "installing 3D Slicer's core into $slicer (1 GB, a minute or two)"
+    find_whole_environment || find_python
+    quietly "$python -m venv $slicer" "$python" -m venv --clear "$slicer"
+    quietly "pip install -r $slicer_pins" "$slicer/bin/python" -m pip install --no-input --disable-pip-version-check \
+        --requirement "$slicer_pins"
+    cp "$slicer_pins" "$slicer/pins"
 }
 
 # --- the system's programs

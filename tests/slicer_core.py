@@ -15,9 +15,7 @@ REQUIRED = os.environ.get("SONOSPLINE_REQUIRE_SLICER") == "1"
 def read(*paths, **order):
     """What it makes of files; the test is skipped where it is not installed."""
     if not PYTHON.is_file():
-        words = (
-            f"{PYTHON} is not there: python -m venv build/slicer; build/slicer/bin/pip install trame-slicer[standalone]"
-        )
+        words = f"{PYTHON} is not there; scripts/setup.sh slicer installs it"
         pytest.fail(words) if REQUIRED else pytest.skip(words)
     done = subprocess.run(
         [PYTHON, ROOT / "tests" / "oracles" / "slicer_reads.py"],

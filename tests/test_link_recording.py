@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+import slicer_core
 import sonospline as ss
 from link_client import LinkClient
 from link_poses import SMALL_BLOCK, turned
@@ -104,3 +105,23 @@ def test_a_frame_that_was_cut_off_shifts_none_after_it(tmp_path):
     writer.add(np.full((3, 4), 20, np.uint8), 0.1, pose)
     writer.close()
     assert (sitk.GetArrayFromImage(sitk.ReadImage(str(writer.path)))[:, 0, 0] == (10, 20)).all()
+
+
+@pytest.mark.slow
+def test_slicers_core_reads_a_recording(tmp_path):
+    """The places of the images as a sequence, step by step; its pixels as a volume."""
+    draw = np.random.default_rng(5)
+    pixels = draw.integers(0, 255, (6, 9, 12), np.uint8)
+    places = [turned(number) for number in range(6)]
+    writer = SequenceWriter(tmp_path / "hand.igs.mha")
+    for number, (image, place) in enumerate(zip(pixels, places, strict=True)):
+        writer.add(image, 10 + number / 8, {"ImageToReference": (place, True), "ProbeToReference": (place, False)})
+    writer.close()
+    (tmp_path / "pixels.mha").symlink_to(tmp_path / "hand.igs.mha")
+    found = slicer_core.read(tmp_path / "hand.igs.mha", tmp_path / "pixels.mha")
+    [sequence] = [node for node in found["nodes"] if node["class"] == "vtkMRMLSequenceNode"]
+    np.testing.assert_allclose([float(time) for time, _ in sequence["steps"]], 10 + np.arange(6) / 8)
+    np.testing.assert_allclose([pose for _, pose in sequence["steps"]], places, atol=1e-4)
+    [volume] = [node for node in found["nodes"] if node["class"] == "vtkMRMLScalarVolumeNode"]
+    assert volume["size"] == [12, 9, 6]
+    assert volume["range"] == [pixels.min(), pixels.max()]

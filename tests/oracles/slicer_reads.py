@@ -47,9 +47,18 @@ def described(node):
         found["segments"] = [segment_of(node, number) for number in range(node.GetSegmentation().GetNumberOfSegments())]
     if node.IsA("vtkMRMLSliceCompositeNode"):
         found["background"] = scene.GetNodeByID(node.GetBackgroundVolumeID()).GetName()
+    if node.IsA("vtkMRMLSequenceNode"):
+        steps = range(node.GetNumberOfDataNodes())
+        found["steps"] = [[node.GetNthIndexValue(k), pose_of(node.GetNthDataNode(k))] for k in steps]
     if node.GetAttributeNames():
         found["attributes"] = {name: node.GetAttribute(name) for name in node.GetAttributeNames()}
     return found
+
+
+def pose_of(node):
+    matrix = vtk.vtkMatrix4x4()
+    node.GetMatrixTransformToParent(matrix)
+    return rows(matrix)
 
 
 def segment_of(node, number):
@@ -76,6 +85,8 @@ def load(path):
     kinds = {".seg.nrrd": ("vtkMRMLSegmentationNode", "vtkMRMLSegmentationStorageNode"),
              ".mrk.json": ("vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsJsonStorageNode"),
              ".h5": ("vtkMRMLTransformNode", "vtkMRMLTransformStorageNode"),
+             ".igs.mha": ("vtkMRMLSequenceNode", "vtkMRMLLinearTransformSequenceStorageNode"),
+             ".mha": ("vtkMRMLScalarVolumeNode", "vtkMRMLVolumeArchetypeStorageNode"),
              ".nrrd": ("vtkMRMLScalarVolumeNode", "vtkMRMLVolumeArchetypeStorageNode")}  # fmt: skip
     kind, storage = next(value for suffix, value in kinds.items() if path.endswith(suffix))
     node, store = scene.AddNewNodeByClass(kind), scene.AddNewNodeByClass(storage)
