@@ -19,12 +19,13 @@ from link_poses import turned
 from simulator_scenes import SMALL_PAPER
 from sonospline import igtl
 from sonospline.geometry import facing
+from sonospline.geometry.pose import pose_along
 from sonospline.io.volumes import write_volume
 from sonospline.link import CoordinateDefinition, PageLink, ScannerNames
 from sonospline.link.coordinate_frames import CoordinateFrames
 from sonospline.link.frame_messages import messages_of
 from sonospline.link.mesh_messages import MeshMessages
-from sonospline.link.needle_pose import needle_at, pose_along
+from sonospline.link.needle_pose import needle_at
 from sonospline.server import wire
 from sonospline.simulator import Console, Runner, SceneFile, make_scene
 from sonospline.tracking import TransformRepository

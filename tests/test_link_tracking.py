@@ -15,10 +15,10 @@ import sonospline as ss
 from link_client import LinkClient, eventually
 from link_poses import SMALL_BLOCK, turned
 from sonospline import igtl
+from sonospline.geometry.pose import pose_along
 from sonospline.io.pose_sequence import read_pose_sequence
 from sonospline.link import LinkServer, PageLink, Scanner, ScannerNames
 from sonospline.link.coordinate_frames import CoordinateFrames
-from sonospline.link.needle_pose import pose_along
 from sonospline.link.tool_tracking import ToolTracking
 from sonospline.simulator import Console, Runner, SceneFile, make_scene
 from sonospline.tracking import Clutch, PoseTrack, frames_of

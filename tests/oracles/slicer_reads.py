@@ -24,8 +24,10 @@ def described(node):
     found = {"class": node.GetClassName(), "name": node.GetName()}
     if node.IsA("vtkMRMLTransformableNode"):
         matrix = vtk.vtkMatrix4x4()
-        slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(node.GetParentTransformNode(), None, matrix)
-        found["parent_to_world"] = rows(matrix)
+        parent = node.GetParentTransformNode()
+        if parent is None or parent.IsTransformToWorldLinear():
+            slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(parent, None, matrix)
+            found["parent_to_world"] = rows(matrix)
     if node.IsA("vtkMRMLLinearTransformNode"):
         node.GetMatrixTransformToWorld(matrix)
         found["to_world"] = rows(matrix)
@@ -100,6 +102,14 @@ def warped(point):
     return list(node.GetTransformToParent().TransformPoint(point))
 
 
+def harden(name, file):
+    node = scene.GetFirstNodeByName(name)
+    done = node.HardenTransform() and node.GetParentTransformNode() is None
+    store = node.GetStorageNode()
+    store.SetFileName(file)
+    return bool(done and store.WriteData(node))
+
+
 unknown = []
 """Classes of nodes that only extensions know."""
 order = json.load(sys.stdin)
@@ -113,6 +123,11 @@ answer = {
 }
 if "warp" in order:
     answer["warped"] = [warped(point) for point in order["warp"]]
+if "from_parent" in order:
+    back = scene.GetFirstNodeByClass("vtkMRMLTransformNode").GetTransformFromParent()
+    answer["from_parent"] = [back.TransformPoint(point) for point in order["from_parent"]]
+if "harden" in order:  # nodes by name, each into a file
+    answer["hardened"] = [harden(name, file) for name, file in order["harden"].items()]
 if "save" in order:  # a segmentation as 3D Slicer itself writes it
     store = scene.GetFirstNodeByClass("vtkMRMLSegmentationStorageNode")
     store.SetFileName(order["save"])

@@ -21,6 +21,7 @@ from ..geometry.needle import Needle
 from ..geometry.volume import Volume
 from ..io.canvas import attempt
 from ..io.insertion_figure import draw_insertion
+from ..io.insertion_scene import insertion_scene
 from ..io.volumes import write_volume
 from ..io.vtk import write_vti
 from ..io.writing import write_json
@@ -59,6 +60,10 @@ def write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argpa
     for name, image in deformed.items():
         write_volume(image, folder / name)
     warp.save(folder / "displacement.h5")
+    if args.slicer:
+        both = dict(zip(("image", "labels"), zip(images.values(), deformed.values(), strict=True), strict=False))
+        file = (folder / "displacement.h5").read_bytes()
+        insertion_scene(both, file, outcome.needle, outcome.path.tip).write(folder / "scene.mrb")
     write_vti(folder / "displacement.vti", grid, {"displacement": displacement, "det_jacobian": det})
     moved = Volume(
         voxels=np.linalg.norm(warp.displacement, axis=-1),

@@ -30,6 +30,8 @@ EXAMPLES = """examples:
   sonospline insert --volume ct.nii.gz --entry 60,-20,15 --target 20,10,30 --out out
   sonospline insert --volume us.mha --frame IJK --entry 0,50,50 --target 90,55,50 --out out
   sonospline insert --labels abdomen_labels.nii.gz --model elastic --out out
+  sonospline insert --volume ct.nii.gz --labels organs.seg.nrrd --model elastic --entry plan.mrk.json \
+      --target plan.mrk.json --slicer --out out       # out/scene.mrb opens in 3D Slicer
   sonospline insert --set shaft_displacement=3.5 --steps 40 --json --out out
 """
 
@@ -55,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what comes out")
     what.add_argument("--strict", action="store_true", help="write nothing where bone stops the needle (exit 2)")
     _folds.add_argument(what)
+    what.add_argument(
+        "--slicer", action="store_true", help="also scene.mrb for 3D Slicer: deformation, images, segments, needle"
+    )
     _options.add_output(what)
 
 
@@ -73,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     insertion = _insertion(args, volume, path, tissues)
     with staged_folder(args.out) as folder:
         outcome = _insert(insertion, path, args)
-        images = {f"warped{suffix}": volume}
+        images: dict[str, Volume] = {f"warped{suffix}": volume}
         if tissues is not None:
             images[f"warped_labels{suffix_of(args.labels)}"] = tissues.labels
         return write(outcome, images, folder, args)
@@ -98,6 +103,8 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
         lines.append("image         a label map: the nearest voxel, no label between two")
     if inverse["unconverged_nodes"]:
         lines.append(f"inverse       NOT found at {inverse['unconverged_nodes']} nodes; the image is unwarped there")
+    if args.slicer:
+        lines.append(f"3D Slicer     {args.out / 'scene.mrb'}")
     if "figure.png" in summary["files"]:
         lines.append(f"picture       {args.out / 'figure.png'}")
     return "\n".join(lines)

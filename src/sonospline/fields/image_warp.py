@@ -71,7 +71,7 @@ class ImageWarp:
         image = to_sitk(volume)
         if isinstance(volume, LabelMap):
             nearest = sitk.Resample(image, image, self.to_sitk(), sitk.sitkNearestNeighbor, 0.0)
-            return LabelMap.of(from_sitk(nearest))
+            return LabelMap.of(from_sitk(nearest)).named(volume.names)
         background = float(volume.voxels.min())
         return from_sitk(sitk.Resample(image, image, self.to_sitk(), sitk.sitkLinear, background))
 

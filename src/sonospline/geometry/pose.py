@@ -87,6 +87,16 @@ def facing(origin: ArrayLike, *, depth: ArrayLike, right: ArrayLike) -> Array:
     return transform
 
 
+def pose_along(tip: Array, direction: Array) -> Array:
+    """Return a pose (4, 4) at a tip with z along a needle; x is square to the world's axis that it is furthest from."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([x, np.cross(z, x), z, tip])
+    return pose
+
+
 def shifted(transform: Array, x: float, y: float) -> Array:
     """Return a pose whose origin lies at (x, y, 0) mm of another one, turned as it is.
 

@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import gzip
+import json
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from .markups import SUFFIX, markups_content
 from .writing import write_bytes
 
 _CLASSES = {"Volume": "ScalarVolume", "VolumeDisplay": "ScalarVolumeDisplay"}
 """Nodes whose class is called otherwise than their tag."""
 _SINGLETONS = ("Slice", "SliceComposite")
+GREY = "vtkMRMLColorTableNodeGrey"
+FOUR_UP = 3
+"""3D Slicer's number for the layout with three slices and a view in 3-D."""
+_NRRD_TYPES = {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {
+    "float32": "float",
+    "float64": "double",
+}
 
 
 class Mrml:
@@ -79,7 +89,63 @@ class Mrml:
     def stored(self, tag: str, file: str, content: bytes) -> str:
         """Add a storage node of a file, keep the file, and return the node's id."""
         self.files[file] = content
-        return self.add(tag, f"storage of {file}", hideFromEditors=True, fileName=f"Data/{quote(file)}")
+        # The file's name is quoted, as 3D Slicer does it, and in the scene once more, as any name there.
+        return self.add(tag, f"storage of {file}", hideFromEditors=True, fileName=f"Data/{quote(quote(file))}")
+
+    def shown(
+        self,
+        tag: str,
+        name: str,
+        file: tuple[str, str, bytes],
+        references: Mapping[str, str] | None = None,
+        **display: Any,
+    ) -> str:
+        """Add a node that is drawn, from a file, and return its id.
+
+        Parameters
+        ----------
+        tag, name : str
+            As of :meth:`add`; its display node is the tag's.
+        file : (str, str, bytes)
+            The storage node's tag, the file's name, and what is in it.
+        references : mapping of str to str, optional
+            Other nodes: ``transform``.
+        **display
+            How it is drawn.
+        """
+        stored = self.stored(*file)
+        drawn = self.add(f"{tag}Display", f"{name} display", hideFromEditors=True, **display)
+        return self.add(tag, name, references={"display": drawn, "storage": stored, **(references or {})})
+
+    def surface(
+        self,
+        name: str,
+        points: NDArray[np.floating],
+        triangles: NDArray[np.integer],
+        colour: str,
+        opacity: float = 1.0,
+        references: Mapping[str, str] | None = None,
+    ) -> str:
+        """Add a model and return its id; the colour as ``#rrggbb``."""
+        rgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        return self.shown(
+            "Model", name, ("ModelStorage", f"{name}.vtk", polydata_bytes(points, triangles)), references,
+            opacity=opacity, visibility=True, visibility2D=True, backfaceCulling=False, color=rgb,
+        )  # fmt: skip
+
+    def fiducials(self, name: str, points: Mapping[str, ArrayLike], references: Mapping[str, str] | None = None) -> str:
+        """Add points with labels, RAS mm, and return their node's id."""
+        data = json.dumps(markups_content(points)).encode()
+        file = ("MarkupsJsonStorage", f"{name}{SUFFIX}", data)
+        return self.shown("MarkupsFiducial", name, file, references, glyphScale=2)
+
+    def slice_view(self, view: str, slice_to_world: NDArray[np.floating], image: str = "", **more: Any) -> None:
+        """Show an image, if any, in the view Red, Yellow or Green, on a plane; ``more`` is of its slice node."""
+        self.add("Slice", view, singletonTag=view, layoutName=view, sliceToRAS=slice_to_world, **more)
+        self.add(
+            "SliceComposite", "SliceComposite", singletonTag=view, layoutName=view, hideFromEditors=True,
+            references={"backgroundVolume": image} if image else None,
+        )  # fmt: skip
 
     @property
     def nodes(self) -> int:
@@ -123,15 +189,17 @@ class Mrml:
 
 
 def nrrd_bytes(voxels: NDArray[np.generic], ijk_to_ras: NDArray[np.floating]) -> bytes:
-    """Return voxels (k, j, i) of 8 bits, one slice or more, as a NRRD file."""
+    """Return voxels (k, j, i), one slice or more, as a NRRD file; such of a type that NRRD has none for as doubles."""
+    kind = voxels.dtype.name if voxels.dtype.name in _NRRD_TYPES else "float64"
     axes = " ".join(f"({','.join(f'{x:.9g}' for x in axis)})" for axis in ijk_to_ras[:3, :3].T)
     lines = [
-        "NRRD0004", "type: uint8", "dimension: 3", "space: right-anterior-superior",
+        "NRRD0004", f"type: {_NRRD_TYPES[kind]}", "dimension: 3", "space: right-anterior-superior",
         f"sizes: {' '.join(map(str, voxels.shape[::-1]))}", f"space directions: {axes}",
         "kinds: domain domain domain", "encoding: gzip",
         f"space origin: ({','.join(f'{x:.9g}' for x in ijk_to_ras[:3, 3])})",
+        *(["endian: little"] if np.dtype(kind).itemsize > 1 else []),
     ]  # fmt: skip
-    data = gzip.compress(np.ascontiguousarray(voxels, np.uint8).tobytes(), mtime=0)
+    data = gzip.compress(np.ascontiguousarray(voxels, np.dtype(kind).newbyteorder("<")).tobytes(), mtime=0)
     return "\n".join(lines).encode() + b"\n\n" + data
 
 

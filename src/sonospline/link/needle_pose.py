@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.needle import Needle
+from ..geometry.pose import pose_along
 from ..simulator.scene import Scene
 from ..simulator.skin_frame import SkinFrame
 
@@ -33,16 +34,6 @@ def needle_at(tip_to_world: Array, skin: SkinFrame) -> Needle | None:
     if slope < _LEAST_SLOPE:
         raise ValueError(f"the needle's z and the way into the tissue have the cosine {slope:.2g}; turn it inwards")
     return Needle(tip - along * (deep / slope), tip)
-
-
-def pose_along(tip: Array, direction: Array) -> Array:
-    """Return a pose (4, 4) at a tip with z along a needle; x is square to the world's axis that it is furthest from."""
-    z = direction / np.linalg.norm(direction)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3] = np.column_stack([x, np.cross(z, x), z, tip])
-    return pose
 
 
 def waiting_pose(scene: Scene) -> Array:

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ..geometry.needle import Needle
+from ..geometry.pose import pose_along
 from ..simulator.command import ImageSettings
 from ..simulator.console import Console
 from ..simulator.console_frame import ConsoleFrame
@@ -21,7 +22,7 @@ from ..simulator.stamp import Stamp
 from ..simulator.subscription import Subscription
 from .link_server import PORT, LinkServer
 from .link_station import LinkStation
-from .needle_pose import needle_at, pose_along, pose_towards
+from .needle_pose import needle_at, pose_towards
 from .scanner_names import ScannerNames
 from .tool_tracking import ToolTracking
 

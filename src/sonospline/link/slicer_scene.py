@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import igtl
-from ..io.markups import SUFFIX, markups_content
-from ..io.mrml import Mrml, nrrd_bytes, polydata_bytes
+from ..geometry.needle_surface import STEEL, needle_surface
+from ..io.mrml import FOUR_UP, GREY, Mrml, nrrd_bytes
 from ..simulator.session import Session
 from .coordinate_frames import WORLD, CoordinateFrames
 from .frame_messages import messages_of
@@ -19,10 +17,8 @@ from .scanner_names import ScannerNames
 
 Array = NDArray[np.float64]
 
-_NEEDLE_SIDES, _NEEDLE_MM, _CENTRELINE_MM = 12, 0.6, 5.0
 _TRANSVERSE = "6"
 """Volume Reslice Driver's number for the plane that an image itself lies in."""
-_FOUR_UP = 3
 
 
 def slicer_scene(
@@ -86,10 +82,10 @@ class _Builder:
         }
         image = self._image(root)
         models = self._models(root)
-        models["NeedleModel"] = self._model(
-            "NeedleModel", *_needle(self._needle_mm), "#d0d4d8", 1.0, {"transform": poses[names.NeedleTip]}
+        models["NeedleModel"] = mrml.surface(
+            "NeedleModel", *needle_surface(self._needle_mm), STEEL, 1.0, {"transform": poses[names.NeedleTip]}
         )
-        models["ProbeModel"] = self._model(
+        models["ProbeModel"] = mrml.surface(
             "ProbeModel", *_box(self._probe_mm), "#9fb4c8", 0.8, {"transform": poses[names.Probe]}
         )
         self._targets(root)
@@ -102,7 +98,7 @@ class _Builder:
         if watch is not None:
             self._watch(watch, models, poses[names.NeedleTip])
         self._slice(image)
-        mrml.add("Layout", "Layout", currentViewArrangement=_FOUR_UP)
+        mrml.add("Layout", "Layout", currentViewArrangement=FOUR_UP)
         return mrml
 
     def _transform(self, name: str, matrix: NDArray[np.floating], references: dict[str, str] | None = None) -> str:
@@ -112,13 +108,10 @@ class _Builder:
         content = self._sent[self._names.Image]
         assert isinstance(content, igtl.Image)
         data = nrrd_bytes(content.voxels, content.ijk_to_reference)
-        storage = self._mrml.stored("VolumeArchetypeStorage", f"{self._names.Image}.nrrd", data)
-        display = self._mrml.add(
-            "VolumeDisplay", "image display", hideFromEditors=True, colorNodeID="vtkMRMLColorTableNodeGrey", window=255,
-            level=127.5, autoWindowLevel=0, interpolate=1,
+        return self._mrml.shown(
+            "Volume", self._names.Image, ("VolumeArchetypeStorage", f"{self._names.Image}.nrrd", data), root,
+            colorNodeID=GREY, window=255, level=127.5, autoWindowLevel=0, interpolate=1,
         )  # fmt: skip
-        references = {"display": display, "storage": storage, **root}
-        return self._mrml.add("Volume", self._names.Image, references=references)
 
     def _models(self, root: dict[str, str]) -> dict[str, str]:
         """The surfaces by the names of their messages, which thus become these nodes."""
@@ -128,34 +121,13 @@ class _Builder:
             if mesh.kind == "surface":
                 name = device_name(mesh.name, taken)
                 points = self._frames.points(mesh.points)
-                found[name] = self._model(name, points, mesh.indices, mesh.colour, mesh.opacity, root)
+                found[name] = self._mrml.surface(name, points, mesh.indices, mesh.colour, mesh.opacity, root)
         return found
-
-    def _model(
-        self,
-        name: str,
-        points: Array,
-        triangles: NDArray[np.integer],
-        colour: str,
-        opacity: float,
-        root: dict[str, str],
-    ) -> str:
-        storage = self._mrml.stored("ModelStorage", f"{name}.vtk", polydata_bytes(points, triangles))
-        display = self._mrml.add(
-            "ModelDisplay", f"{name} display", hideFromEditors=True, opacity=opacity, visibility=True,
-            visibility2D=True, backfaceCulling=False,
-            color=np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]),
-        )  # fmt: skip
-        return self._mrml.add("Model", name, references={"display": display, "storage": storage, **root})
 
     def _targets(self, root: dict[str, str]) -> None:
         content = self._sent[self._names.Targets]
         assert isinstance(content, igtl.Points)
-        data = json.dumps(markups_content({point.name: point.position for point in content.entries})).encode()
-        storage = self._mrml.stored("MarkupsJsonStorage", f"{self._names.Targets}{SUFFIX}", data)
-        display = self._mrml.add("MarkupsFiducialDisplay", "targets display", hideFromEditors=True, glyphScale=2)
-        references = {"display": display, "storage": storage, **root}
-        self._mrml.add("MarkupsFiducial", self._names.Targets, references=references)
+        self._mrml.fiducials(self._names.Targets, {one.name: one.position for one in content.entries}, root)
 
     def _drive(self, port: int) -> None:
         """Three transforms that go out: the tools are where they are now until somebody moves them."""
@@ -186,14 +158,7 @@ class _Builder:
             "VolumeResliceDriver.Driver": image, "VolumeResliceDriver.Mode": _TRANSVERSE,
             "VolumeResliceDriver.Flip": "1",
         }  # fmt: skip
-        self._mrml.add(
-            "Slice", "Red", singletonTag="Red", layoutName="Red", attributes=driver,
-            sliceToRAS=self._slice_to_world(), sliceVisibility=True,
-        )  # fmt: skip
-        self._mrml.add(
-            "SliceComposite", "SliceComposite", singletonTag="Red", layoutName="Red", hideFromEditors=True,
-            references={"backgroundVolume": image},
-        )  # fmt: skip
+        self._mrml.slice_view("Red", self._slice_to_world(), image, attributes=driver, sliceVisibility=True)
 
     def _slice_to_world(self) -> Array:
         """The image's plane, its top up: where the driver puts it with the first image."""
@@ -206,18 +171,6 @@ class _Builder:
         found[:3, 2] = np.cross(found[:3, 0], found[:3, 1])
         found[:3, 3] = (self._frames.reference_to_world @ [*content.centre, 1])[:3]
         return found
-
-
-def _needle(length_mm: float) -> tuple[Array, NDArray[np.integer]]:
-    """A shaft with a pointed tip at the origin, behind it along -z."""
-    turn: Array = 2 * np.pi * np.arange(_NEEDLE_SIDES) / _NEEDLE_SIDES
-    ring = _NEEDLE_MM * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_NEEDLE_SIDES)])
-    points: Array = np.vstack([ring - (0, 0, 2.0), ring - (0, 0, length_mm), (0, 0, 0), (0, 0, -length_mm)])
-    a = np.arange(_NEEDLE_SIDES)
-    b, n, m = (a + 1) % _NEEDLE_SIDES, _NEEDLE_SIDES, 2 * _NEEDLE_SIDES
-    sides = [(a + n, b, a), (a + n, b + n, b), (a, b, np.full(n, m)), (b + n, a + n, np.full(n, m + 1))]
-    triangles: NDArray[np.int64] = np.vstack([np.column_stack(each) for each in sides])
-    return points, triangles
 
 
 def _box(width_mm: float) -> tuple[Array, NDArray[np.integer]]:
