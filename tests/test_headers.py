@@ -239,14 +239,6 @@ def test_a_volume_that_a_tracking_program_wrote_is_one(tmp_path):
     assert np.array_equal(read_volume(path).voxels, STORED)
 
 
-def test_a_dicom_series_is_told_what_to_become(tmp_path):
-    (tmp_path / "series").mkdir()
-    with pytest.raises(ValueError, match=r"volume = '.*series' is a folder; give one image file .*dcm2niix"):
-        read_volume(tmp_path / "series")
-    with pytest.raises(ValueError, match=r"labels = '.*a\.dcm' is one slice of a DICOM series; .*dcm2niix"):
-        read_labels(tmp_path / "a.dcm")
-
-
 def test_a_segmentation_in_layers_is_told_what_to_become(tmp_path):
     header = nrrd(sizes="2 9 8 7").replace(b"dimension: 3", b"dimension: 4").replace(b"(1,0,0) (0", b"none (1,0,0) (0")
     header = header.replace(b"encoding", b"kinds: list domain domain domain\nencoding")

@@ -39,7 +39,9 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     where = parser.add_argument_group("where")
-    where.add_argument("--volume", type=Path, metavar="FILE", help=".nrrd, .mha or .nii.gz; without it, a phantom")
+    where.add_argument(
+        "--volume", type=Path, metavar="FILE", help=".nrrd, .mha, .nii.gz or DICOM; without it, a phantom"
+    )
     where.add_argument(
         "--volume-kind",
         default="auto",

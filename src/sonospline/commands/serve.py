@@ -174,10 +174,12 @@ def _exercises(args: argparse.Namespace) -> Any:
 def _own(args: argparse.Namespace, path: Path) -> Any:
     """The scene of a bare label map or image."""
     from ..geometry.grid import FACES
+    from ..io.dicom_slices import is_dicom
     from ..io.files import regular_file
     from ..server.own_scene import own_scene
 
-    regular_file(path, "--labels" if args.labels else "--volume", "the path of an image file")
+    if not is_dicom(path):
+        regular_file(path, "--labels" if args.labels else "--volume", "the path of an image file")
     if args.entry_face is not None and args.entry_face not in FACES:
         raise ValueError(f"--entry-face = {args.entry_face!r} is none; give one of {', '.join(FACES)}")
     scene = own_scene(path, labelled=args.labels is not None, names=args.names, ct=args.ct, face=args.entry_face)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
 from ..geometry.volume import Volume
+from .dicom_slices import is_dicom
+from .dicom_volume import read_dicom_labels
 from .segmentation import SUFFIX, names_segments, segmentation_of
 from .tables import read_names
 from .volumes import read_image, read_volume, suffix_of
@@ -32,8 +34,8 @@ def read_labels(
         anything that is within 1e-3 of one once the file's scale is applied.
     names : path-like or mapping of int to str, optional
         A CSV with the columns ``label`` and ``name``, or the names themselves; by default the file beside the
-        image with its name and ``.csv`` for its suffix, where there is one, else the segments of a ``.seg.nrrd``,
-        whose layers become one label map: where segments overlap, the later one is there.
+        image with its name and ``.csv`` for its suffix, where there is one, else the segments of a ``.seg.nrrd`` or of
+        a segmentation in DICOM, whose layers become one label map: where segments overlap, the later one is there.
     largest : int, default: 65535
         Largest label allowed.
 
@@ -58,6 +60,10 @@ def read_labels(
     {5: 'liver'}
     """
     where = f"labels = {str(path)!r}"
+    if names is None and is_dicom(Path(path)) and not names_beside(path).is_file():
+        segments = read_dicom_labels(Path(path))
+        if segments is not None:
+            return LabelMap.of(segments, name=where, largest=largest).named(segments.names)
     if names is None and is_segmentation(path) and not names_beside(path).is_file():
         found = segments_of(path)
         if found is not None:
@@ -85,7 +91,7 @@ def names_for(labels: LabelMap, path: str | PathLike[str], named: str | PathLike
     ValueError
         There are none.
     """
-    if named is None and is_segmentation(path) and labels.names:
+    if named is None and labels.names and (is_segmentation(path) or is_dicom(Path(path))):
         return dict(labels.names)
     return read_names(names_of(path, named), "label names")
 
@@ -136,6 +142,8 @@ def names_beside(path: str | PathLike[str]) -> Path:
     'patient.01.csv'
     """
     path = Path(path)
+    if is_dicom(path):
+        return path.with_name((path.name if path.is_dir() else path.stem) + ".csv")
     return path.with_name(path.name[: -len(suffix_of(path))] + ".csv")
 
 

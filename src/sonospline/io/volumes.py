@@ -15,11 +15,12 @@ from .. import _memory
 from .._extras import require
 from ..geometry.grid import Grid
 from ..geometry.volume import Volume
+from .dicom_slices import is_dicom
+from .dicom_volume import read_dicom_volume
 from .headers import SUFFIXES, WHOLE, Header, HeaderError, read_header
 from .writing import write_image
 
 _LARGEST_VOXEL = 1e30
-_CONVERT = "of a DICOM series: load it in 3D Slicer and save it as .nrrd, or use dcm2niix -z y"
 _RESAMPLE = "resample the image onto axes at right angles"
 
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
@@ -27,22 +28,19 @@ RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
 
 
 def suffix_of(path: Path, name: str = "volume") -> str:
-    """Return the volume suffix of a path, or raise ValueError for a folder or a file type that is not one."""
-    folder = _is_folder(path)
-    if folder or path.suffix.lower() in (".dcm", ".ima"):
-        kind = "a folder" if folder else "one slice of a DICOM series"
-        raise ValueError(f"{name} = {str(path)!r} is {kind}; give one image file ({_CONVERT})")
+    """Return the suffix that what is made of an image is written with: its own, and ``.nrrd`` for DICOM.
+
+    Raises
+    ------
+    ValueError
+        A file type that is none.
+    """
+    if is_dicom(path):
+        return ".nrrd"
     for suffix in SUFFIXES:
         if path.name.lower().endswith(suffix):
             return suffix
-    raise ValueError(f"{name} = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}")
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # a name that is too long is none
-        return False
+    raise ValueError(f"{name} = {str(path)!r} is of an unknown file type; use one of {', '.join(SUFFIXES)}, or DICOM")
 
 
 def read_volume(path: str | PathLike[str], *, name: str = "volume") -> Volume:
@@ -51,7 +49,8 @@ def read_volume(path: str | PathLike[str], *, name: str = "volume") -> Volume:
     Parameters
     ----------
     path : path-like
-        A .nrrd, .mha or .nii.gz file (or .nhdr, .mhd, .nii).
+        A .nrrd, .mha or .nii.gz file (or .nhdr, .mhd, .nii); or DICOM: a folder, of which the series with most
+        slices is read, one slice for its series, or a file of many (extra ``dicom``).
     name : str, default: "volume"
         The argument, as an error names it.
 
@@ -59,9 +58,12 @@ def read_volume(path: str | PathLike[str], *, name: str = "volume") -> Volume:
     ------
     ValueError
         No such file, an unknown type, an image that is 2-D, 4-D, coloured or empty, or a
-        file that cannot be read or is truncated.
+        file that cannot be read or is truncated. Slices of DICOM that are no lattice: some are missing, or the gantry
+        was tilted.
     """
     path = Path(path)
+    if is_dicom(path):
+        return read_dicom_volume(path, name)
     suffix_of(path, name)
     with _errors_named(where := f"{name} = {str(path)!r}"):
         header, reader = _open(path, name)

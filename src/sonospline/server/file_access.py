@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..io.dicom_slices import is_dicom
 from ..io.files import regular_file
 from ..io.headers import HeaderError, read_header
 from ..io.labels import names_beside
@@ -29,6 +30,7 @@ def refuse_elsewhere(spec: SceneFile) -> None:
     for key, path in _named(spec.tissue):
         _check(here, key, path)
         if key in _IMAGES:
+            _refuse_dicom(key, path)
             _check(here, key, _voxels_of(path, key))
 
 
@@ -54,6 +56,12 @@ def _check(here: Path, key: str, path: Path) -> None:
             f"tissue.{key} = {str(path)!r} lies outside the folder the server was started in; start it with --scene"
         )
     regular_file(path, f"tissue.{key}", "a file")
+
+
+def _refuse_dicom(key: str, path: Path) -> None:
+    """Refuse a slice: those that belong to it may lie elsewhere."""
+    if is_dicom(path):
+        raise ValueError(f"tissue.{key} = {str(path)!r} is DICOM; start the server with --scene, or save it as .nrrd")
 
 
 def _voxels_of(path: Path, key: str) -> Path:
