@@ -8,6 +8,7 @@ Pictures made from real data need the folder of real data; without it they are l
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ from sonospline.geometry import ImagePlane, facing
 from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
 from sonospline.phantoms import kidney_phantom
+from sonospline.phantoms.generated import gel_block
 from sonospline.ultrasound import (
     Artefacts,
     Display,
+    Doppler,
     Frame,
     Phantom,
     Probe,
@@ -63,6 +66,21 @@ def kidney() -> None:
     shallow = ss.Needle((150, 50, 1), (100, 50, 27))
     field = ss.GridField.of(insertion.advance(shallow))
     pair(linear.render().frame, linear.render(field, shallow).frame, "ultrasound_flank_linear.png")
+
+
+def flow() -> None:
+    """The gel's vessel: grey, and by colour Doppler of enough pulses a second, and of too few."""
+    phantom = gel_block(0.5).phantom
+    probe = Probe.linear(depth_mm=40, elevation_focus_mm=22)
+    still = Scanner(phantom, probe, facing((60, 30, 0), depth=(0, 0, 1), right=(1, 0, 0)), **REAL)
+    box = Doppler(box_mm=(-10, 10, 16, 32), steer_deg=20)
+    figure = blank(15, 4.6)
+    titles = ("grey", "4500 pulses a second", "2500: the middle aliases")
+    seen = [still, *(still.with_doppler(replace(box, prf_hz=prf)) for prf in (4500, 2500))]
+    for panel, scanner, title in zip(figure.subplots(1, 3), seen, titles, strict=True):
+        scanner.render().plot(panel)
+        panel.set_title(title)
+    figure.savefig(IMAGES / "ultrasound_flow.png", dpi=85)
 
 
 def slices() -> None:
@@ -159,7 +177,7 @@ def _width(grey: np.ndarray, axis: int) -> float:
     return 2 * (below - 1 + (lags[below - 1] - 0.5) / (lags[below - 1] - lags[below]))
 
 
-PICTURES = {"slices": slices, "kidney": kidney}
+PICTURES = {"slices": slices, "kidney": kidney, "flow": flow}
 REAL_DATA = {"abdomen": abdomen, "sweep": sweep, "liver": liver}
 
 

@@ -75,6 +75,7 @@ def test_every_knob_says_all_there_is_to_know():
         "probe.rotate", "probe.fan", "probe.press", "image.gain", "image.depth", "image.frequency", "image.focus",
         "image.transmit",
         *(f"image.tgc{slider}" for slider in range(1, 9)),
+        *("image.prf", "image.steer", "image.box_across", "image.box_depth"),
     ]  # fmt: skip
     for _, _, knob, _ in knobs:
         assert all((knob.name, knob.short, knob.help, knob.down, knob.up))

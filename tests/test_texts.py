@@ -259,6 +259,7 @@ MAKERS = {
         np.zeros((50, 40, 30), np.uint8), (ultrasound.Region(0, 0, 9, 9, (1, 1)),), 40
     ),
     KidneyPhantom: lambda: ss.kidney_phantom(spacing_mm=3),
+    ultrasound.ColourFlow: lambda: ultrasound.ColourFlow(np.zeros((2, 2)), np.zeros((2, 2)), (0, 0), 20 / 3, []),
     ultrasound.Region: lambda: REGION,
     fem.FiniteElementModel: lambda: fem.FiniteElementModel(BOX),
     fem.StepTimes: lambda: fem.StepTimes(*[1 / 3] * len(fem.StepTimes._fields)),
@@ -293,7 +294,7 @@ MAKERS = {
     simulator.SimulatedFrame: lambda: session().step(),
 }
 LEFT_OUT = {
-    ultrasound.Artefacts,  # levels, all of them scalars
+    *(ultrasound.Artefacts, ultrasound.Doppler, ultrasound.Flow),  # levels and lengths, few of them
     *(
         link.ForceDevice,
         link.ForceLoop,

@@ -26,8 +26,10 @@ export const TRANSMIT = "image.transmit" satisfies Known;
 export const SLIDERS = [
   "image.tgc1", "image.tgc2", "image.tgc3", "image.tgc4", "image.tgc5", "image.tgc6", "image.tgc7", "image.tgc8",
 ] as const satisfies readonly Known[];
+/** Of colour Doppler. */
+export const COLOUR = ["image.prf", "image.steer", "image.box_across", "image.box_depth"] as const satisfies readonly Known[];
 /** Those of the image that have a menu of their own. */
-export const IN_MENU: readonly string[] = [TRANSMIT, ...SLIDERS];
+export const IN_MENU: readonly string[] = [TRANSMIT, ...SLIDERS, ...COLOUR];
 
 export function read(command: Command, { group, field }: Knob): number {
   return (command[group] as unknown as Numbers)[field];

@@ -3,7 +3,7 @@
 import type { FrameHeader, GeometryHeader, Hello, MeshHeader, OfferedExercise, Protocol } from "./protocol.gen";
 
 export type {
-  Command, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
+  ColourPlace, Command, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
   ProbeOutline, Readouts, Refused, RunningAttempt, TargetPlace,
   SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";
@@ -21,6 +21,8 @@ export interface Frame {
   pixels: Uint8Array;
   /** (3 x vertices) world positions of the meshes in the order of the geometry, or null where nothing moved. */
   positions: Float32Array | null;
+  /** Levels of colour Doppler in its window, or null where it is off. */
+  colour: Int8Array | null;
 }
 
 export interface MeshData {
@@ -57,7 +59,9 @@ function frame(buffer: ArrayBuffer, start: number, header: FrameHeader): Frame {
   const pixels = new Uint8Array(buffer, start, count);
   const behind = start + 4 * Math.ceil(count / 4);
   const positions = header.mesh > 0 ? new Float32Array(buffer, behind, 3 * header.mesh) : null;
-  return { header, pixels, positions };
+  const { colour } = header;
+  const levels = colour ? new Int8Array(buffer, behind + 12 * header.mesh, colour.rows * colour.columns) : null;
+  return { header, pixels, positions, colour: levels };
 }
 
 function geometry(buffer: ArrayBuffer, start: number, header: GeometryHeader): Geometry {

@@ -147,7 +147,7 @@ export class Session {
   }
 
   /** Choose what of the image's settings is chosen and not moved. */
-  choose(words: Partial<Pick<Command["image"], "mode" | "grey_map" | "pixels">>): void {
+  choose(words: Partial<Pick<Command["image"], "mode" | "grey_map" | "colour" | "pixels">>): void {
     const open = this.answers || this.status === "loading";
     if (open && this.command) this.want({ ...this.command, image: { ...this.command.image, ...words } });
   }

@@ -20,6 +20,6 @@ export const focus = knob("image.focus", { unit: "cm", shown: 10, step: 5, rate:
 export const command: Command = {
   needle: { u: 0, v: 0, angle: 60, swing: 0, depth: 10 },
   probe: { slide: 0, sweep: 0, rotate: 0, fan: 0, press: 0 },
-  image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 , transmit: 0, tgc1: 0, tgc2: 0, tgc3: 0, tgc4: 0, tgc5: 0, tgc6: 0, tgc7: 0, tgc8: 0, pixels: 512, mode: "fundamental", grey_map: "linear"},
+  image: { gain: 0, depth: 120, frequency: 3.5, focus: 65 , transmit: 0, tgc1: 0, tgc2: 0, tgc3: 0, tgc4: 0, tgc5: 0, tgc6: 0, tgc7: 0, tgc8: 0, prf: 4000, steer: 0, box_across: 0, box_depth: 24, pixels: 512, mode: "fundamental", grey_map: "linear", colour: "off" },
   tissue: { contact: "pose", relaxation: "none", breathing: "none", probe: "looks" }, frozen: false,
 };

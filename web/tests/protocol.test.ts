@@ -30,6 +30,14 @@ describe("decode", () => {
     expect((result.frame.header as FrameHeader).frame).toBe(7);
   });
 
+  it("takes the colours that follow everything else", () => {
+    const colour = { row: 1, column: 0, rows: 1, columns: 3, nyquist_cm_s: 20, outline: [] };
+    const header = { rows: 2, columns: 3, mesh: 1, colour };
+    const bytes = Uint8Array.of(1, 2, 3, 4, 5, 6, 0, 0);
+    const result = decode(message(1, header, bytes, Float32Array.of(1, 2, 3), Uint8Array.of(128, 255, 127)));
+    expect(result.kind === "frame" && [...(result.frame.colour ?? [])]).toEqual([-128, -1, 127]);
+  });
+
   it("has no positions where nothing moved", () => {
     const result = decode(message(1, { rows: 1, columns: 4, mesh: 0 }, Uint8Array.of(9, 9, 9, 9)));
     expect(result.kind === "frame" && result.frame.positions).toBeNull();

@@ -18,7 +18,7 @@ describe("a session", () => {
   const show = (state: typeof start) => {
     seq += 1;
     const header = { frame: seq, seq: wire.said.filter(({ type }) => type === "command").length, state, model: "paper", target: { id: "t" }, log: [] } as unknown as FrameHeader;
-    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null, colour: null } });
     session.draw(1000 * seq);
   };
 
@@ -34,7 +34,7 @@ describe("a session", () => {
 
   it("stays lost where a frame came before the connection was, and was not drawn", () => {
     const header = { frame: 99, seq: 0, state: start, model: "paper", target: { id: "t" }, log: [] } as unknown as FrameHeader;
-    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null, colour: null } });
     wire.lost.emit({ attempt: 0, nextAt: 0, reason: "taken over" });
     session.draw(1e6);
     expect(session.status).toBe("lost");
@@ -75,7 +75,7 @@ describe("a session", () => {
     const send = (...numbers: number[]) => {
       seq += 1;
       const header = { frame: seq, seq: 0, state: start, model: "paper", target: { id: "t" }, log: log(...numbers) } as unknown as FrameHeader;
-      wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+      wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null, colour: null } });
       session.draw(1000);
     };
     send(1, 2);

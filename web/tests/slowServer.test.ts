@@ -59,7 +59,7 @@ class SlowServer {
     this.working = null;
     this.frames += 1;
     const header = { frame: this.frames, seq, state, blocked, bone: blocked && "rib_left_8", model: "paper", target: { id: "t" }, log: [] } as unknown as FrameHeader;
-    this.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    this.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null, colour: null } });
     this.shown = state.needle.depth;
   }
 }

@@ -37,7 +37,7 @@ describe("a trainer", () => {
 
   const show = (extra: Partial<FrameHeader> = {}) => {
     const header = { frame: 1, seq: 0, state: command, model: "paper", target: null, needle: null, readouts: null, log: [], replay: null, ...extra } as unknown as FrameHeader;
-    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null } });
+    wire.binary.emit({ kind: "frame", frame: { header, pixels: new Uint8Array(), positions: null, colour: null } });
     session.draw(performance.now());
   };
 

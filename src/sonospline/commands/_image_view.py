@@ -19,8 +19,10 @@ from ..io.volumes import read_volume
 from ..phantoms.kidney import kidney_phantom
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
+from ..ultrasound.doppler import Doppler
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import LOOKS
+from ..ultrasound.phantom import Phantom
 from ..ultrasound.phantom_file import read_phantom
 from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
@@ -30,6 +32,8 @@ from . import _points
 Array = NDArray[np.float64]
 
 _NOISE_DB = -70.0
+_FRAME_S = 0.05
+"""Between frames of a cine: blood flows on."""
 
 
 class View(NamedTuple):
@@ -83,9 +87,26 @@ def _scanned(args: argparse.Namespace) -> View:
     display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range, noise_db=noise)
     scanner = Scanner(
         phantom, probe, pose, display=display, needle_echo=LOOKS[args.needle](), seed=args.seed,
-        artefacts=Artefacts.none() if args.clean else Artefacts(),
+        artefacts=Artefacts.none() if args.clean else Artefacts(), doppler=_doppler(args, phantom),
     )  # fmt: skip
-    return View(lambda field, at, frame: scanner.render(field, at, frame=frame).frame, grid, needle)
+    return View(
+        lambda field, at, frame: scanner.render(field, at, frame=frame, time_s=_FRAME_S * frame).frame, grid, needle
+    )
+
+
+def _doppler(args: argparse.Namespace, phantom: Phantom) -> Doppler | None:
+    """Colour Doppler, where it is asked for."""
+    if args.doppler is None:
+        return None
+    if not phantom.flows:
+        raise ValueError("--doppler shows blood that flows, and these labels have none; leave it out")
+    box = args.doppler.split(",")
+    try:
+        left, right, top, bottom = map(float, box)
+    except ValueError:
+        raise ValueError(f"--doppler = {args.doppler!r} is no box; give left,right,top,bottom in mm") from None
+    asked = {"prf_hz": args.prf, "steer_deg": args.steer}
+    return Doppler(box_mm=(left, right, top, bottom), **{name: x for name, x in asked.items() if x is not None})
 
 
 def _direction(args: argparse.Namespace, name: str, default: str) -> Array:

@@ -22,12 +22,15 @@ _LIMITS: _limits.Limits = {
     "depth": _limits.Real(1, 1000),
     "gain": _limits.Real(-200, 200),
     "dynamic_range": _limits.Real(1, 300),
+    "prf": _limits.Real(1, 100_000),
+    "steer": _limits.Real(-30, 30),
 }
 
 HELP = "render the ultrasound image of a phantom, or cut a real volume, before and after a needle"
 EXAMPLES = """examples:
   sonospline image --out out                                        # the kidney phantom, needle in a calyx
   sonospline image --probe linear --depth 50 --origin 110,50,0.3 --out out
+  sonospline image --origin 64,44,8 --doppler=-12,14,62,106 --out out   # the renal artery; the = for the minus
   sonospline image --labels seg.nrrd --table tissues.csv --origin 0,0,0 --look 0,0,1 --right 1,0,0 --out out
   sonospline image --labels organs.nii.gz --names organs.csv --ct ct.nii.gz --origin 67,20,118 --look 0,1,0 --out out
   sonospline image --volume us.mha --entry 10,20,30 --target 40,20,30 --cine 20 --out out
@@ -56,6 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     probe.add_argument("--gain", type=float, default=0.0, metavar="DB", help="added gain (0)")
     probe.add_argument("--dynamic-range", type=float, default=60.0, metavar="DB", help="black to white (60)")
     probe.add_argument("--clean", action="store_true", help="clean beams: no clutter, haze or rough surfaces")
+    colour = parser.add_argument_group("colour Doppler (of phantoms whose blood flows: the generated kidney)")
+    colour.add_argument("--doppler", metavar="L,R,T,B", help="its box: left, right, top, bottom, mm from the face")
+    colour.add_argument("--prf", type=float, metavar="HZ", help="pulses a second (3000)")
+    colour.add_argument("--steer", type=float, metavar="DEG", help="lean of a linear probe's beams to the right (0)")
     needle = parser.add_argument_group("needle")
     _options.add_path(needle)
     needle.add_argument("--needle", default="trocar", choices=tuple(LOOKS), help="how it looks (trocar)")
@@ -76,6 +83,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for name, needed in (("table", "labels"), ("names", "labels"), ("ct", "names")):
         if getattr(args, name) is not None and getattr(args, needed) is None:
             raise ValueError(f"--{name} belongs to --{needed}; give both or neither")
+    if args.doppler is not None and args.volume is not None:
+        raise ValueError("--doppler is of a phantom, and --volume is a real image; give one of them")
+    if args.doppler is None and (args.prf is not None or args.steer is not None):
+        raise ValueError("--prf and --steer belong to --doppler; give its box, L,R,T,B (mm)")
     view = view_of(args)
     if args.cine:
         require("PIL.Image")  # said now, not after the frames

@@ -1,4 +1,4 @@
-"""Grey pictures as PNG, with nothing but zlib: notebooks show them without an extra."""
+"""Pictures as PNG, with nothing but zlib: notebooks show them without an extra."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_GREY_8_BIT = (8, 0, 0, 0, 0)
+_8_BIT, _GREY, _RGB = 8, 0, 2
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
-    """Return grey levels (rows, columns) as the bytes of a PNG file.
+    """Return grey levels (rows, columns), or colours (rows, columns, 3), as the bytes of a PNG file.
 
     Examples
     --------
@@ -22,10 +22,10 @@ def png(pixels: NDArray[np.uint8]) -> bytes:
     >>> png(np.zeros((2, 3), np.uint8))[:4]
     b'\\x89PNG'
     """
-    rows, columns = pixels.shape
-    lines = np.zeros((rows, columns + 1), np.uint8)  # each line begins with its filter: none
-    lines[:, 1:] = pixels
-    header = struct.pack(">IIBBBBB", columns, rows, *_GREY_8_BIT)
+    rows, columns = pixels.shape[:2]
+    lines = np.zeros((rows, 1 + pixels[0].size), np.uint8)  # each line begins with its filter: none
+    lines[:, 1:] = pixels.reshape(rows, -1)
+    header = struct.pack(">IIBBBBB", columns, rows, _8_BIT, _GREY if pixels.ndim == 2 else _RGB, 0, 0, 0)
     chunks = (b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b"")
     return _SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
 

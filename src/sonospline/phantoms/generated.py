@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
+from ..ultrasound.flow import Flow
 from ..ultrasound.phantom import Phantom
 from .kidney import BOX_MM, LABELS, kidney_phantom
 
@@ -20,7 +21,7 @@ MECHANICAL_VOXEL_MM = 2.0
 """As fine as mechanics and surfaces need labels."""
 
 _GEL_BLOCK_MM = (120.0, 60.0, 70.0)
-_VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12}
+_VESSEL = {"depth": 24.0, "radius": 3.5, "wall": 0.7, "slope": 0.12, "speed_cm_s": 40.0}
 _CUBE_MM = 100.0
 _SHEETS_MM, _SHEET_MM = 20.0, 0.6
 _BESIDE_MM = 60.0
@@ -75,11 +76,22 @@ def gel_block(voxel_mm: float) -> GeneratedTissue:
     labels[apart < _VESSEL["radius"]] = 1
     names = {0: "phantom gel", 1: "blood", 2: "vessel wall"}
     speckle = _like("liver", "phantom gel", backscatter_db=-3.0)
-    phantom = Phantom(_volume(labels, voxel_mm), {0: speckle, 1: "blood", 2: "vessel wall"})
+    tissues: dict[int, AcousticTissue | str] = {0: speckle, 1: "blood", 2: "vessel wall"}
+    phantom = Phantom(_volume(labels, voxel_mm), tissues, flows=[_gel_flow()])
     centre = np.array([_GEL_BLOCK_MM[0] / 2, _GEL_BLOCK_MM[1] / 2, _VESSEL["depth"]])
     return GeneratedTissue(
         phantom=phantom, names=names, box=(np.zeros(3), np.array(_GEL_BLOCK_MM)), targets={"vessel": centre}
     )
+
+
+def _gel_flow() -> Flow:
+    """A pump's: steady, from left to right, and a little deeper."""
+    wide, middle = _GEL_BLOCK_MM[0], _GEL_BLOCK_MM[1] / 2
+    start, end = (_VESSEL["depth"] + _VESSEL["slope"] * (x - wide / 2) for x in (0.0, wide))
+    return Flow(
+        start=(0.0, middle, start), end=(wide, middle, end), radii_mm=(_VESSEL["radius"],) * 2,
+        speed_cm_s=_VESSEL["speed_cm_s"],
+    )  # fmt: skip
 
 
 def cube(voxel_mm: float) -> GeneratedTissue:

@@ -22,6 +22,7 @@ from ..geometry import pose
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.volume import Volume
+from ..ultrasound.flow import Flow
 from ..ultrasound.phantom import Phantom
 from .canvas import Array, Canvas
 from .canvas import __file__ as canvas_file
@@ -43,6 +44,13 @@ _EXPONENT = 2.2
 _TILT = np.radians(10.0)
 _CORTEX_MM = 6.0
 _CALYX = (24.0, 0.0, 3.0)
+_VESSELS = (
+    ((3.0, -9.0, 34.0), (5.0, -6.0, 16.0), (3.4, 2.6)), ((5.0, -6.0, 16.0), (17.0, -3.0, 7.0), (2.4, 1.5)),
+    ((5.0, -6.0, 16.0), (-14.0, -2.5, 7.5), (2.4, 1.5)), ((-6.0, 6.0, 34.0), (-5.0, 5.0, 14.0), (3.0, 2.2)),
+)  # fmt: skip
+"""Artery, its two branches, and vein: ends outside the kidney and in it, and radii there."""
+_ARTERY_CM_S, _VEIN_CM_S = 50.0, 30.0
+"""In the middle of each, where it begins."""
 _STATIONS = (-33.0, -21.0, -8.0, 8.0, 33.0)
 _ROWS_DEG = (-62.0, 0.0, 62.0)
 
@@ -112,7 +120,7 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool 
     }
     labels = canvas.labels if known is None else known
     volume = Volume(voxels=labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
-    return KidneyPhantom(Phantom(volume, LABELS), targets)
+    return KidneyPhantom(Phantom(volume, LABELS, flows=_flows()), targets)
 
 
 def _paint(canvas: Canvas, push: float) -> None:
@@ -139,6 +147,20 @@ def _world(local: tuple[float, ...]) -> NDArray[np.float64]:
     """A position of the kidney's frame (x towards its lower pole, z towards its hilum) in the world."""
     x, y, z = local
     return _CENTRE + np.array([np.cos(_TILT) * x + np.sin(_TILT) * z, y, -np.sin(_TILT) * x + np.cos(_TILT) * z])
+
+
+def _flows() -> list[Flow]:
+    """Through the hilum: in through the artery, out through the vein."""
+    artery, *_, vein = [(_point(start), _point(end), radii) for start, end, radii in _VESSELS]
+    return [
+        Flow(start=artery[0], end=artery[1], radii_mm=artery[2], speed_cm_s=_ARTERY_CM_S),
+        Flow(start=vein[1], end=vein[0], radii_mm=vein[2][::-1], speed_cm_s=_VEIN_CM_S),
+    ]
+
+
+def _point(local: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = _world(local).tolist()
+    return x, y, z
 
 
 def _local(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -275,9 +297,7 @@ def _paint_sinus(canvas: Canvas) -> None:
 
     reach = np.array([40, 14, 22])
     canvas.paint(_SINUS, centre - reach, centre + reach, sinus, over=(_CORTEX, _MEDULLA))
-    vessels = [((3, -9, 34), (5, -6, 16), (3.4, 2.6)), ((5, -6, 16), (17, -3, 7), (2.4, 1.5)),
-               ((5, -6, 16), (-14, -2.5, 7.5), (2.4, 1.5)), ((-6, 6, 34), (-5, 5, 14), (3.0, 2.2))]  # fmt: skip
-    for start, end, radii in vessels:
+    for start, end, radii in _VESSELS:
         canvas.tube(_WALL, _world(start), _world(end), (radii[0] + 0.6, radii[1] + 0.6), over=(_SINUS, _PERIRENAL))
         canvas.tube(_BLOOD, _world(start), _world(end), radii, over=(_WALL, _SINUS, _PERIRENAL))
     ducts = [

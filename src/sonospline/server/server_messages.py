@@ -177,6 +177,8 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     """None in free practice."""
     breathes: bool
     """Whether its file says how breathing moves it."""
+    flows: bool
+    """Whether anything flows in it, which colour Doppler would show."""
     tolerance_mm: float
     """Tip to target that counts as on target."""
     knobs: tuple[SceneKnob, ...]
@@ -207,7 +209,7 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
                 for name, at in scene.targets.items()
             ),
             attempt=attempt,
-            target=console.session.target, breathes=spec.breathing is not None,
+            target=console.session.target, breathes=spec.breathing is not None, flows=scene.flows,
             tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=state,
             start=start,
         )  # fmt: skip

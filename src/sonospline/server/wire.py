@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
     from ..simulator.surfaces import Mesh
+    from ..ultrasound.colour_flow import ColourFlow
 
 FRAME, GEOMETRY = 1, 2
 KNOW_THE_NEEDLE: frozenset[Guide] = frozenset({"path", "tip", "3-D view"})
@@ -66,8 +67,21 @@ class ReplayedStep(Struct, frozen=True, kw_only=True):
     """Whether every pixel is the recorded one."""
 
 
+class ColourPlace(Struct, frozen=True, kw_only=True):
+    """Colour Doppler over a window of the picture: a byte for each of its pixels follows everything else."""
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+    nyquist_cm_s: float
+    """Velocity towards the probe of level 127; -128 stands for none."""
+    outline: tuple[tuple[float, float], ...]
+    """The box's edge in the image, mm from the middle of the probe's face."""
+
+
 class FrameHeader(Struct, frozen=True, kw_only=True):
-    """A picture and everything that belongs to it; its payload is grey levels, then positions of the meshes."""
+    """A picture and everything that belongs to it; its payload is grey levels, positions of meshes, colours."""
 
     frame: int
     seq: int
@@ -106,6 +120,7 @@ class FrameHeader(Struct, frozen=True, kw_only=True):
     """Vertices whose positions follow; 0 where nothing moved."""
     grid: bool
     """Whether those of the grid lines are among them."""
+    colour: ColourPlace | None
 
 
 class MeshHeader(Struct, frozen=True, kw_only=True):
@@ -156,10 +171,12 @@ def frame(shown: ConsoleFrame, *, number: int, seq: int, guides: frozenset[Guide
         readouts=shown.readouts if numbers else None,
         passed=summary, log=shown.log if numbers else (), replay=replay, model=shown.model, noise=shown.number,
         server_ms=round(server_ms, 3), step_ms=round(shown.step_ms, 3), render_ms=round(shown.render_ms, 3),
-        mesh=0 if positions is None else len(positions), grid=grid,
+        mesh=0 if positions is None else len(positions), grid=grid, colour=_colour(shown.image.colour),
     )  # fmt: skip
     padding = b"\0" * (-pixels.size % 4)
     tail = b"" if positions is None else positions.astype("<f4", copy=False).tobytes()
+    if shown.image.colour is not None:
+        tail += shown.image.colour.levels.tobytes()
     return _message(FRAME, header, pixels.tobytes() + padding + tail)
 
 
@@ -188,6 +205,16 @@ def _message(kind: int, header: Struct, payload: bytes) -> bytes:
 
 def _numbers(array: Any) -> Any:
     return tuple(np.asarray(array).ravel().tolist())
+
+
+def _colour(colour: ColourFlow | None) -> ColourPlace | None:
+    if colour is None:
+        return None
+    (row, column), (rows, columns) = colour.corner, colour.levels.shape
+    outline = tuple((x, y) for x, y in colour.outline_mm.tolist())
+    return ColourPlace(
+        row=row, column=column, rows=rows, columns=columns, nyquist_cm_s=colour.nyquist_cm_s, outline=outline
+    )  # fmt: skip
 
 
 def _mesh(mesh: Mesh) -> MeshHeader:

@@ -11,6 +11,7 @@ from .knobs import Knob, Travel, Words, always
 from .tissue_settings import TissueSettings
 
 Mode = Literal["fundamental", "harmonic"]
+Colour = Literal["off", "flow"]
 if TYPE_CHECKING:
     GreyMap: TypeAlias = str
 else:
@@ -126,7 +127,7 @@ _TGC = Travel(always(-12.0, 12.0))
 
 
 class ImageSettings(Record, frozen=True, kw_only=True, repr_omit_defaults=True):
-    """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm, mm, dB; and words."""
+    """The scanner's knobs: dB relative to the scene's own gain, mm, MHz, mm, mm, dB, Hz, degrees; and words."""
 
     gain: Annotated[
         float,
@@ -192,6 +193,41 @@ class ImageSettings(Record, frozen=True, kw_only=True, repr_omit_defaults=True):
     tgc6: Annotated[float, _slider(6), _TGC] = 0.0
     tgc7: Annotated[float, _slider(7), _TGC] = 0.0
     tgc8: Annotated[float, _slider(8), _TGC] = 0.0
+    prf: Annotated[
+        float,
+        Knob(
+            name="Pulse repetition", short="PRF", help="Pulses a second of colour Doppler", unit="kHz", shown=1000,
+            step=500, rate=2000, setting=True, down="Fewer pulses", up="More pulses",
+        ),
+        Travel(always(500.0, 10_000.0), lambda scene: 4000.0),
+    ] = 4000.0  # fmt: skip
+    steer: Annotated[
+        float,
+        Knob(
+            name="Steer the colour box", short="Steer", help="Lean of the colour box's beams", unit="°", decimals=0,
+            step=5, rate=20, setting=True, sense="left-right", down="Steer left", up="Steer right",
+        ),
+        Travel(
+            lambda scene: (0.0, 0.0) if scene.probe.curved or not scene.synthetic else (-20.0, 20.0),
+            lambda scene: 0.0 if scene.probe.curved or not scene.synthetic else 20.0,
+        ),
+    ] = 0.0  # fmt: skip
+    box_across: Annotated[
+        float,
+        Knob(
+            name="Colour box across", short="Box", help="Middle of the colour box across", unit="mm", decimals=0,
+            step=2, rate=20, setting=True, sense="left-right", down="Box left", up="Box right",
+        ),
+        Travel(lambda scene: (-scene.probe.aperture_mm / 2, scene.probe.aperture_mm / 2)),
+    ] = 0.0  # fmt: skip
+    box_depth: Annotated[
+        float,
+        Knob(
+            name="Colour box depth", short="Box depth", help="Depth of the colour box's middle", unit="mm", decimals=0,
+            step=2, rate=20, setting=True, down="Box up", up="Box down",
+        ),
+        Travel(lambda scene: (0.0, 1.6 * scene.probe.depth_mm), lambda scene: 0.48 * scene.probe.depth_mm),
+    ] = 0.0  # fmt: skip
     pixels: Annotated[
         int,
         about("pixels along the picture's longer side", low=128, high=1024),
@@ -199,9 +235,10 @@ class ImageSettings(Record, frozen=True, kw_only=True, repr_omit_defaults=True):
     ] = 512
     mode: Annotated[Mode, Words(name="Mode", help="What is heard: what is sent, or its harmonic")] = "fundamental"
     grey_map: Annotated[GreyMap, Words(name="Grey map", help="What echoes are shown as")] = "linear"
+    colour: Annotated[Colour, Words(name="Colour Doppler", help="Whether what flows is shown in colour")] = "off"
 
     def __post_init__(self) -> None:
-        for name, words in (("mode", Mode), ("grey_map", GreyMap)):
+        for name, words in (("mode", Mode), ("grey_map", GreyMap), ("colour", Colour)):
             if getattr(self, name) not in get_args(words):
                 known = ", ".join(get_args(words))
                 raise FieldError((name,), f"= {shown(getattr(self, name))} is not known; choose one of {known}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import GREY_MAPS, Display, slider_db
+from ..ultrasound.doppler import Doppler
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
 from ..ultrasound.optics import picture_plane
@@ -24,6 +26,8 @@ from .command import ImageSettings
 
 Array = NDArray[np.float64]
 
+_BOX_WIDE, _BOX_HIGH = 0.5, 0.36
+"""Of the probe's face and the image's depth: the colour box."""
 _MARGIN_MM = 8.0
 """Displacement allowed for before scatterers have to be chosen anew."""
 
@@ -43,8 +47,10 @@ class Imager(ABC):
         """Return the imager with another probe or at another pose."""
 
     @abstractmethod
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
-        """Return the picture of the deformed tissue with the needle in it."""
+    def render(
+        self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings, time_s: float = 0.0
+    ) -> Frame:
+        """Return the picture of the deformed tissue with the needle in it, at a time."""
 
 
 class SyntheticImager(Imager):
@@ -80,7 +86,9 @@ class SyntheticImager(Imager):
             old.phantom, probe, probe_to_reference, display=self._base, echo=old.needle_echo, artefacts=old.artefacts
         )  # fmt: skip
 
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
+    def render(
+        self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings, time_s: float = 0.0
+    ) -> Frame:
         shape = picture_plane(self.probe, self.probe_to_reference, None, settings.pixels).shape
         if shape != self._scanner.plane.shape:
             self._scanner = self._scanner.with_picture(shape)
@@ -89,7 +97,10 @@ class SyntheticImager(Imager):
         }  # fmt: skip
         if any(getattr(self._scanner.display, name) != value for name, value in knobs.items()):
             self._scanner = self._scanner.with_display(**knobs)
-        return self._scanner.render(field, needle, frame=frame).frame
+        doppler = colour_box(self.probe, settings) if self._scanner.phantom.flows else None
+        if doppler != self._scanner.doppler:
+            self._scanner = self._scanner.with_doppler(doppler)
+        return self._scanner.render(field, needle, frame=frame, time_s=time_s).frame
 
 
 class ReslicedImager(Imager):
@@ -110,7 +121,9 @@ class ReslicedImager(Imager):
     def aimed(self, probe: Probe, probe_to_reference: Array) -> ReslicedImager:
         return ReslicedImager(self._reslicer, self._grey, probe, probe_to_reference, self._needle_mm)
 
-    def render(self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings) -> Frame:
+    def render(
+        self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings, time_s: float = 0.0
+    ) -> Frame:
         if settings.pixels != self._pixels:
             self._draw_on(settings.pixels)
         cut = self._reslicer.cut(self._plane, field)
@@ -163,6 +176,22 @@ def tuned(probe: Probe, settings: ImageSettings) -> Probe:
             frequency_mhz=frequency, depth_mm=depth, elevation_focus_mm=focus, transmit_focus_mm=transmit
         )  # fmt: skip
     return probe.in_harmonic_mode() if settings.mode == "harmonic" else probe
+
+
+def colour_box(probe: Probe, settings: ImageSettings) -> Doppler | None:
+    """Return colour Doppler as a settings asks for it, its box held within the image; none where it is off."""
+    if settings.colour == "off" or probe.kind == "phased":
+        return None
+    steer = 0.0 if probe.curved else settings.steer
+    half, high = probe.aperture_mm / 2, _BOX_HIGH * probe.depth_mm
+    lean = high / 2 * abs(float(np.tan(np.radians(steer))))
+    wide = min(_BOX_WIDE * probe.aperture_mm, 2 * (half - lean))
+    aside = half - lean - wide / 2
+    across = float(np.clip(settings.box_across, -aside, aside))
+    deep = float(np.clip(settings.box_depth, high / 2, probe.depth_mm - high / 2))
+    box = (across - wide / 2, across + wide / 2, deep - high / 2, deep + high / 2)
+    asked = Doppler(box_mm=box, prf_hz=settings.prf, steer_deg=steer)
+    return replace(asked, prf_hz=min(settings.prf, asked.fastest_prf_hz(probe)))
 
 
 def grey_range(voxels: NDArray[Any], seen: NDArray[np.bool_]) -> tuple[float, float]:

@@ -42,9 +42,9 @@ class Knob(Struct, frozen=True, kw_only=True):
     """Its name where there is little room."""
     help: str
     """What it does, in a few words."""
-    unit: Literal["mm", "cm", "°", "dB", "MHz"]
+    unit: Literal["mm", "cm", "°", "dB", "MHz", "kHz"]
     shown: float = 1.0
-    """How many of its own units (mm, degrees, dB, MHz) one of those shown is."""
+    """How many of its own units (mm, degrees, dB, MHz, Hz) one of those shown is."""
     decimals: int = 1
     step: float
     """For one tap, in its own unit."""

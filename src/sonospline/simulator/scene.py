@@ -45,6 +45,8 @@ class Scene:
     """Makes :attr:`meshes`."""
     undented: Undented | None
     """What its tissue is like without the dent that it is painted with; None where it has none."""
+    flows: bool
+    """Whether blood flows in it, which colour Doppler shows."""
     prepare: Callable[[], None]
     """Makes what the first picture did not need and others will; from any thread."""
 

@@ -79,6 +79,7 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
     return Scene(
         spec=spec, tissue=tissue, frame=frame, tissues=content.tissues, see=content.see, probe=probe, targets=targets,
         start=first, knobs=knobs, undented=content.undented, draw=partial(scene_meshes, spec, content, frame),
+        flows=content.phantom is not None and bool(content.phantom.flows) and probe.kind != "phased",
         prepare=_nothing if content.phantom is None else content.phantom.prepare,
     )  # fmt: skip
 

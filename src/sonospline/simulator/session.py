@@ -175,7 +175,7 @@ class Session:
         field = composed(answer.field, moving.field)
         answered = time.perf_counter()
         imager = self._aimed(poses)
-        image = imager.render(field, poses.needle, frame=number, settings=poses.settings)
+        image = imager.render(field, poses.needle, frame=number, settings=poses.settings, time_s=now)
         rendered = time.perf_counter()
         rest, moved = self.targets[self.target], self._target_moved(answer, moving.field)
         self.last = SimulatedFrame(

@@ -80,7 +80,7 @@ class SimulatedFrame:
     @property
     def moves(self) -> bool:
         """Whether time alone changes it."""
-        return self.breath is not None
+        return self.breath is not None or self.image.colour is not None
 
     @property
     def forces(self) -> Mapping[str, NeedleForce]:

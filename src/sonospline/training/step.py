@@ -94,7 +94,7 @@ def made_whole(step: Step, before: Step | None) -> Step:
 
 def _whole(frame: SimulatedFrame, sample: Sample) -> Step:
     return Step(
-        number=frame.number, time_s=frame.time_s, dt=frame.dt, image=fingerprint(frame.image.pixels),
+        number=frame.number, time_s=frame.time_s, dt=frame.dt, image=fingerprint(frame.image.shown),
         target_now=_point(sample.target), model=frame.model, target=sample.name,
         target_rest=_point(sample.target_rest), needles=_needles(frame.needles),
         probe_to_reference=tuple(_point(column) for column in frame.probe_to_reference[:3].T),  # type: ignore[arg-type]

@@ -2,10 +2,13 @@ from .acoustics import TISSUES as TISSUES
 from .acoustics import AcousticTissue as AcousticTissue
 from .artefacts import Artefacts as Artefacts
 from .bmode import BMode as BMode
+from .colour_flow import ColourFlow as ColourFlow
 from .dicom import Clip as Clip
 from .dicom import Region as Region
 from .dicom import read_dicom as read_dicom
 from .display import Display as Display
+from .doppler import Doppler as Doppler
+from .flow import Flow as Flow
 from .frame import Frame as Frame
 from .needle_echo import NeedleEcho as NeedleEcho
 from .phantom import Phantom as Phantom

@@ -45,7 +45,7 @@ def write_gif(frames: Sequence[Frame], path: str | PathLike[str], *, frame_ms: f
     if not frames:
         raise ValueError("frames is empty; give at least one frame")
     image = require("PIL.Image")
-    pictures = [image.fromarray(as_bytes(frame.pixels)) for frame in frames]
+    pictures = [image.fromarray(as_bytes(frame.shown)) for frame in frames]
     moving = BytesIO()
     pictures[0].save(moving, save_all=True, append_images=pictures[1:], duration=frame_ms, loop=0, format="GIF")
     write_bytes(path, moving.getvalue())

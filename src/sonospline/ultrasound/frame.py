@@ -23,6 +23,7 @@ from ..io.png import png
 
 if TYPE_CHECKING:
     from ..geometry.needle import Needle
+    from .colour_flow import ColourFlow
 
 logger = logging.getLogger(__name__)
 
@@ -39,6 +40,8 @@ class Frame:
         Where the pixels are.
     mask : (rows, columns) bool ndarray, optional
         Pixels that show something; the others (beyond the volume, outside the fan, never swept) are black.
+    colour : ColourFlow, optional
+        What colour Doppler shows over them.
 
     Examples
     --------
@@ -54,6 +57,7 @@ class Frame:
     pixels: NDArray[Any]
     plane: ImagePlane
     mask: NDArray[np.bool_] | None = None
+    colour: ColourFlow | None = None
 
     def __post_init__(self) -> None:
         if np.shape(self.pixels) != self.plane.shape:
@@ -166,12 +170,14 @@ class Frame:
         pixels = np.where(mask, grey.reshape(mask.shape), 0)
         if np.issubdtype(self.pixels.dtype, np.integer):
             pixels = np.rint(pixels)
-        return replace(self, pixels=pixels.astype(self.pixels.dtype), mask=mask)
+        return replace(self, pixels=pixels.astype(self.pixels.dtype), mask=mask, colour=None)
 
     def plot(self, ax: Any = None, *, needle: Needle | None = None, **style: Any) -> Any:
         """Draw the image in mm, depth downwards, on matplotlib ``Axes``; return them."""
         ax = axes_or_new(ax)
-        ax.imshow(self.pixels, origin="upper", extent=self.plane.extent, **({"cmap": "gray"} | style))
+        ax.imshow(self.shown, origin="upper", extent=self.plane.extent, **({"cmap": "gray"} | style))
+        if self.colour is not None:
+            self.colour.draw_on(ax)
         ax.set_xlabel("mm")
         ax.set_ylabel("mm")
         if needle is not None:
@@ -180,7 +186,12 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """The picture as a notebook shows it."""
-        return png(as_bytes(self.pixels))
+        return png(as_bytes(self.shown))
+
+    @property
+    def shown(self) -> NDArray[Any]:
+        """The picture (rows, columns), with the colours of Doppler on it (rows, columns, 3) where there are any."""
+        return self.pixels if self.colour is None else self.colour.over(as_bytes(self.pixels))
 
     def __repr__(self) -> str:
         return f"Frame({size(self.pixels.shape)} pixels, {lengths(self.plane.spacing_mm)}, {self.pixels.dtype})"
@@ -192,7 +203,7 @@ class Frame:
 
         sitk = require("SimpleITK")
         if Path(path).suffix == ".png":
-            write_image(sitk.GetImageFromArray(as_bytes(self.pixels)), path)
+            write_image(sitk.GetImageFromArray(as_bytes(self.shown), isVector=self.colour is not None), path)
             return
         image = sitk.GetImageFromArray(np.ascontiguousarray(self.pixels)[None])
         image.SetSpacing((*self.plane.spacing_mm, float(min(self.plane.spacing_mm))))

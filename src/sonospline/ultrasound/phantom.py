@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from typing import Any
@@ -18,7 +18,8 @@ from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
 from ..io.volumes import to_sitk
 from ..io.writing import write_image
-from .acoustics import TISSUES, AcousticTissue, write_table
+from .acoustics import NO_ECHO, TISSUES, AcousticTissue, write_table
+from .flow import Flow
 from .interfaces import Interfaces
 from .scatterers import echo_scene
 
@@ -42,11 +43,14 @@ class Phantom(ByValue):
         Whole numbers 0 to 255. What lies beyond the volume counts as label 0.
     tissues : mapping of int to AcousticTissue or str
         Properties of every label that occurs; a string names one of the default table.
+    flows : iterable of Flow, optional
+        What flows in its vessels, which colour Doppler shows: the blood of a vessel is what its middle is labelled.
 
     Raises
     ------
     ValueError
-        Labels that are not whole numbers 0 to 255, or a label without properties.
+        Labels that are not whole numbers 0 to 255, a label without properties, or a flow whose middle lies outside the
+        labels or in a tissue without echo.
 
     Examples
     --------
@@ -59,8 +63,11 @@ class Phantom(ByValue):
 
     labels: LabelMap
     tissues: Mapping[int, AcousticTissue]
+    flows: tuple[Flow, ...]
 
-    def __init__(self, labels: Volume, tissues: Mapping[int, AcousticTissue | str]) -> None:
+    def __init__(
+        self, labels: Volume, tissues: Mapping[int, AcousticTissue | str], *, flows: Iterable[Flow] = ()
+    ) -> None:
         if not isinstance(labels, Volume):
             raise ValueError(f"labels = {shown(labels)} is not a Volume; read one with read_labels")
         object.__setattr__(self, "labels", LabelMap.of(labels, largest=LARGEST_LABEL))
@@ -75,6 +82,10 @@ class Phantom(ByValue):
                     f"label {label} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}, "
                     "or give an AcousticTissue"
                 )
+        object.__setattr__(self, "flows", tuple(flows))
+        for flow in self.flows:
+            if self.blood_of(flow).backscatter_db <= NO_ECHO:
+                raise ValueError(f"{flow} is in {self.blood_of(flow).name}, which has no echo; give blood that has one")
 
     def __repr__(self) -> str:
         lattice = self.labels.lattice
@@ -91,6 +102,27 @@ class Phantom(ByValue):
         shape = tuple(max(2, round(side / spacing_mm) + 1) for side in size_mm)
         labels = Volume(voxels=np.zeros(shape, np.uint8), spacing=(spacing_mm,) * 3)
         return cls(labels, {0: tissue})
+
+    def blood_of(self, flow: Flow) -> AcousticTissue:
+        """Return what flows in a vessel: the tissue in its middle."""
+        return self.tissues[self._label_in(flow)]
+
+    @cached_property
+    def still(self) -> Phantom:
+        """The phantom with its flowing blood silent: that is heard by itself."""
+        silent = {
+            label: replace(self.tissues[label], backscatter_db=NO_ECHO) for label in map(self._label_in, self.flows)
+        }
+        other = object.__new__(Phantom)
+        other.__dict__.update(labels=self.labels, tissues={**self.tissues, **silent}, flows=())
+        return other
+
+    def _label_in(self, flow: Flow) -> int:
+        lattice = self.labels.lattice
+        index = np.rint(lattice.local(flow.middle[None])[0] / lattice.spacing).astype(int)
+        if not ((index >= 0) & (index < lattice.shape)).all():
+            raise ValueError(f"{flow} has its middle outside the labels; give a vessel inside them")
+        return int(self.bytes[tuple(index)])
 
     def table(self, quantity: str) -> Array:
         """Return one property of every label, (256,) or (256, 3); labels without a tissue take label 0's."""
@@ -164,7 +196,7 @@ class Phantom(ByValue):
             winner[window][wins] = label
         spacing = tuple(h * (n - 1) / (m - 1) for h, n, m in zip(lattice.spacing, lattice.shape, shape, strict=True))
         finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)
-        return Phantom(finer, self.tissues)
+        return Phantom(finer, self.tissues, flows=self.flows)
 
     def save(self, labels: str | PathLike[str], table: str | PathLike[str]) -> None:
         """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""

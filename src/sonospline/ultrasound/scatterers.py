@@ -65,15 +65,15 @@ def _patterns() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Places in a unit brick (patterns, 3, n), in an order whose every prefix is even, and signs (patterns, n)."""
     random = np.random.default_rng(11)
     shifts = random.integers(0, 2**_SOBOL_BITS, (_PATTERNS, 1, 3), dtype=np.uint32)
-    places = ((_sobol(_LONGEST) ^ shifts) + 0.5) / 2**_SOBOL_BITS
+    places = ((sobol(_LONGEST) ^ shifts) + 0.5) / 2**_SOBOL_BITS
     astray = random.random((_PATTERNS, _LONGEST)) < _ASTRAY
     places[astray] = random.random((int(astray.sum()), 3))
     along = np.ascontiguousarray(np.moveaxis(places, -1, 1), np.float32)
     return along, random.choice(np.array([-1, 1], np.float32), (_PATTERNS, _LONGEST))
 
 
-def _sobol(count: int) -> NDArray[np.uint32]:
-    """The first points of the 3-D Sobol sequence as integers (count, 3), by the direction numbers of Joe and Kuo."""
+def sobol(count: int) -> NDArray[np.uint32]:
+    """Return the first points of the 3-D Sobol sequence, 24 bits (count, 3), by direction numbers of Joe and Kuo."""
     # SciPy has it in scipy.stats.qmc, whose import takes seconds
     points = np.zeros((count, 3), np.uint32)
     for axis, (start, coefficients) in enumerate((((1,), None), ((1,), ()), ((1, 3), (1,)))):

@@ -26,12 +26,14 @@ from .artefacts import HARMONIC_NOISE_DB, Artefacts
 from .bmode import BMode
 from .clutter import Clutter
 from .display import Display
+from .doppler import Doppler
 from .frame import Frame
 from .needle_echo import NeedleEcho
 from .optics import Optics, Scan, picture_plane
 from .organs import as_phantom
 from .phantom import Phantom
 from .probe import Probe
+from .slow_time import BloodEchoes, Pulse, SlowTime
 
 if TYPE_CHECKING:
     from ..models.contract import Response
@@ -65,6 +67,8 @@ class Scanner:
         How the needle looks; by default a trocar.
     artefacts : Artefacts, optional
         What a real image shows beyond clean beams; by default nothing.
+    doppler : Doppler, optional
+        Colour Doppler of the phantom's flows, whose blood then moves in the grey image, too; by default none.
     picture_shape : (int, int), optional
         Rows and columns of the picture; by default 512 along its longer side.
     seed : int, default: 0
@@ -75,7 +79,8 @@ class Scanner:
     Raises
     ------
     ValueError
-        A pose that is not rigid, a probe that is none, or labels of which no tissues are known.
+        A pose that is not rigid, a probe that is none, labels of which no tissues are known, a Doppler box outside the
+        image, or pulses faster than their echoes.
 
     Examples
     --------
@@ -99,6 +104,7 @@ class Scanner:
         display: Display | None = None,
         needle_echo: NeedleEcho | None = None,
         artefacts: Artefacts | None = None,
+        doppler: Doppler | None = None,
         picture_shape: tuple[int, int] | None = None,
         seed: int = 0,
         margin_mm: float = 3.0,
@@ -111,6 +117,9 @@ class Scanner:
         self.artefacts = Artefacts.none() if artefacts is None else artefacts
         if not isinstance(self.artefacts, Artefacts):
             raise ValueError(f"artefacts = {shown(artefacts)} are none; give Artefacts(), or leave them out")
+        if not isinstance(doppler, Doppler | None):
+            raise ValueError(f"doppler = {shown(doppler)} is none; give Doppler(box_mm=...), or leave it out")
+        self.doppler = doppler
         self.seed = _validate.count("seed", seed, least=0)
         if seed > _LARGEST_SEED:
             raise ValueError(f"seed = {seed} is too large; give at most {_LARGEST_SEED}")
@@ -128,6 +137,7 @@ class Scanner:
         other.probe_to_reference = pose.rigid("probe_to_reference", probe_to_reference)
         other.plane = picture_plane(self.probe, other.probe_to_reference, self.plane.shape)
         other._aimed, other._clutter = self._aimed.anew(self._scan), self._clutter.moved()
+        other._slow_time = None if self._slow_time is None else self._slow_time.moved()
         return other
 
     def with_probe(self, probe: Probe) -> Scanner:
@@ -147,7 +157,7 @@ class Scanner:
         if not isinstance(probe, Probe):
             raise ValueError(f"probe = {shown(probe)} is not a Probe; make one, e.g. Probe.curvilinear()")
         other = self._twin()
-        for cached in ("_no_needle", "_noise_level", "_offset_db"):
+        for cached in ("_noise_level", "_offset_db"):
             other.__dict__.pop(cached, None)
         other._use(probe, self.plane.shape, self._aimed.margin_mm)
         return other
@@ -158,8 +168,25 @@ class Scanner:
         other._use(self.probe, picture_shape, self._aimed.margin_mm)
         return other
 
+    def with_doppler(self, doppler: Doppler | None) -> Scanner:
+        """Return the scanner with colour Doppler, another one, or none."""
+        if not isinstance(doppler, Doppler | None):
+            raise ValueError(f"doppler = {shown(doppler)} is none; give Doppler(box_mm=...), or None")
+        other = self._twin()
+        other.doppler = doppler
+        if (doppler is None) == (self.doppler is None):  # the same tissue is seen
+            other._slow_time = other._listening()
+        else:
+            other._use(self.probe, self.plane.shape, self._aimed.margin_mm)
+        return other
+
     def render(
-        self, deformed: Field | Response | None = None, needle: Needle | None = None, *, frame: int = 0
+        self,
+        deformed: Field | Response | None = None,
+        needle: Needle | None = None,
+        *,
+        frame: int = 0,
+        time_s: float = 0.0,
     ) -> BMode:
         """Return the image of the deformed phantom.
 
@@ -175,6 +202,8 @@ class Scanner:
             The needle in the tissue, where it is now; by default those of the response.
         frame : int, default: 0
             Number of the frame: electronic noise differs from frame to frame.
+        time_s : float, default: 0
+            When it is: under Doppler, blood is where it has flowed by then.
         """
         field, needles = _parted(deformed)
         needles = needles if needle is None else (needle,)
@@ -184,31 +213,38 @@ class Scanner:
             logger.warning("the field contains NaN or infinity; the tissue is shown undeformed")
             grid_field, largest = self._still, 0.0
         self._look(grid_field, largest)
-        echoes, shadow = self._seen(needles)
+        echoes, shadow = self._seen(needles, self.optics, self.probe_to_reference)
         noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
+        colour, box = None, self._slow_time
+        if box is not None and self._blood is not None:
+            (blood,) = self._blood.heard(np.array([time_s]), self.probe_to_reference, grid_field, largest)
+            in_box = self._seen(needles, box.optics, box.pose(self.probe_to_reference))
+            pulse = Pulse(grid_field, in_box, noise[start // 2 :], box.noise_level(self._noise_db))
+            colour = box.flow(self._tissue, self.probe_to_reference, pulse, largest, time_s)
+            echoes = np.concatenate([echoes, blood])
         iq, grey, picture = self._aimed.plan.render(
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_synthesis.SHADOW_SOFT_MM,
             noise[start:], self._noise_level, self._offset_db, self.display.range_db,
             *self._clutter.heard(
-                self.phantom, self.probe_to_reference, grid_field, largest, (echoes, shadow), noise,
+                self._tissue, self.probe_to_reference, grid_field, largest, (echoes, shadow), noise,
             ),
         )  # fmt: skip
         return BMode(
-            Frame(self.display.mapped(picture), self.plane, self._scan.fan),
+            Frame(self.display.mapped(picture), self.plane, self._scan.fan, colour),
             grey,
             iq.view(np.complex64)[..., 0],
             self.optics,
         )
 
-    def _seen(self, needles: tuple[Needle, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _seen(
+        self, needles: tuple[Needle, ...], optics: Optics, place: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Echoes of needles, and the shadow of all: it begins with the nearest."""
         if not needles:
-            return self._no_needle
+            return _no_needle(optics.probe)
         found = [
-            needle_synthesis.echo(
-                self.needle_echo, needle, self.optics, self.probe_to_reference, self.seed, real=self.artefacts.needle
-            )
+            needle_synthesis.echo(self.needle_echo, needle, optics, place, self.seed, real=self.artefacts.needle)
             for needle in needles
         ]
         if len(found) == 1:
@@ -241,10 +277,18 @@ class Scanner:
         self._scan = Scan.of(probe, self.plane)
         self._aimed = Aimed(self.optics, self._scan, margin_mm)
         self._clutter = Clutter(self.artefacts, self.optics, margin_mm, self.seed)
+        self._tissue = self.phantom if self.doppler is None else self.phantom.still
+        self._slow_time = self._listening()
+        self._blood = None if self.doppler is None else BloodEchoes(self.phantom, self.optics, self.seed)
+
+    def _listening(self) -> SlowTime | None:
+        if self.doppler is None:
+            return None
+        return SlowTime(self.doppler, self.probe, self.phantom, self.plane, self._aimed.margin_mm, self.seed)
 
     def _look(self, field: GridField, largest_mm: float) -> None:
         sees = self._aimed.look(
-            self.phantom, self.probe_to_reference, field, largest_mm, self.seed,
+            self._tissue, self.probe_to_reference, field, largest_mm, self.seed,
             diffuse=self.artefacts.diffuse, power=self.optics.speckle_power,
         )  # fmt: skip
         if not sees:
@@ -256,16 +300,13 @@ class Scanner:
         grid = Grid.covering(lattice.extent, nodes=20_000, origin=lattice.origin, direction=lattice.direction)
         return GridField(grid, np.zeros((*grid.shape, 3), np.float32))
 
-    @cached_property
-    def _no_needle(self) -> tuple[Any, Any]:
-        lines = self.probe.lines
-        shadow = np.stack([np.full(lines, 2 * self.probe.depth_mm), np.ones(lines)]).astype(np.float32)
-        return np.zeros((0, 4), np.float32), shadow
+    @property
+    def _noise_db(self) -> float:
+        return self.display.noise_db + (HARMONIC_NOISE_DB if self.probe.harmonic else 0)
 
     @cached_property
     def _noise_level(self) -> float:
-        level = self.display.noise_db + (HARMONIC_NOISE_DB if self.probe.harmonic else 0)
-        return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (level / 20))
+        return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** (self._noise_db / 20))
 
     @cached_property
     def _offset_db(self) -> NDArray[np.float32]:
@@ -280,6 +321,12 @@ def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Need
         return deformed.field, tuple(needle for _, needle in deformed.state.needles)
     except AttributeError:
         raise ValueError(f"deformed = {shown(deformed)} is no Field and no Response; give one, or nothing") from None
+
+
+@lru_cache(maxsize=8)
+def _no_needle(probe: Probe) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    shadow = np.stack([np.full(probe.lines, 2 * probe.depth_mm), np.ones(probe.lines)]).astype(np.float32)
+    return np.zeros((0, 4), np.float32), shadow
 
 
 @lru_cache(maxsize=2)

@@ -39,6 +39,8 @@ export class Marks {
   private readonly face = new Stroke("face");
   /** Where the needle may enter. */
   private readonly zone = new Stroke("zone");
+  /** Of colour Doppler. */
+  private readonly box = new Stroke("colour-box");
   private readonly dot = s("circle", { class: "dot", r: 5 });
   private readonly shaft = new Stroke("shaft");
   private readonly tip = new Stroke("tip");
@@ -56,7 +58,7 @@ export class Marks {
       this.path.group, this.rest.group, this.target.group, this.leader.group, this.tag, this.label, this.tip.group,
     );
     this.svg.append(
-      this.waiting, this.skin.group, this.zone.group, this.face.group, this.dot, this.guides, this.shaft.group, this.ghost, this.handle,
+      this.waiting, this.box.group, this.skin.group, this.zone.group, this.face.group, this.dot, this.guides, this.shaft.group, this.ghost, this.handle,
     );
   }
 
@@ -76,6 +78,7 @@ export class Marks {
     set(this.dot, { cx: (left[0] - 17).toFixed(1), cy: (left[1] - 5).toFixed(1) });
     const skin = skinLine(scene.frame, header.image_to_reference);
     this.drawZone(map, header, scene);
+    this.box.draw(header.colour ? polyline(header.colour.outline.map(([x, y]) => map.point([x + origin[0], y + origin[1]]))) : "");
     if (!skin) return this.skin.draw("");
     const onSkin = (x: number): Point => {
       const t = (map.back([x, 0])[0] - skin.through[0]) / (skin.along[0] || 1e-9);

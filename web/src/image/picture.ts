@@ -1,9 +1,25 @@
 /** The image itself: every pixel as it came, scaled by the browser alone. */
 
-import type { Frame } from "../protocol";
+import type { ColourPlace, Frame } from "../protocol";
 
 /** Grey as little-endian RGBA. */
 const GREY = Uint32Array.from({ length: 256 }, (_, g) => 0xff000000 | (g << 16) | (g << 8) | g);
+
+/** Where nothing flows. */
+const NO_FLOW = -128;
+/** Of levels -128 to 127: red to yellow towards the probe, blue to cyan away; as `colours` of the package. */
+const COLOURS = Uint32Array.from({ length: 256 }, (_, k) => {
+  const fast = Math.abs(k - 128) / 127;
+  const bright = Math.round(255 * Math.min(1, 0.35 + 1.1 * fast));
+  const pale = Math.round(255 * 0.95 * Math.min(1, Math.max(0, 1.6 * fast - 0.6)));
+  return 0xff000000 | (pale << 8) | (k >= 128 ? bright : bright << 16);
+});
+
+/** The colour of a velocity, of -1 to 1 of the scale, for style sheets. */
+export function colourOf(share: number): string {
+  const rgba = COLOURS[Math.round(127 * share) + 128];
+  return `rgb(${rgba & 255}, ${(rgba >> 8) & 255}, ${(rgba >> 16) & 255})`;
+}
 
 export class Picture {
   readonly canvas = document.createElement("canvas");
@@ -19,7 +35,7 @@ export class Picture {
     this.canvas.setAttribute("aria-hidden", "true");
   }
 
-  draw({ header, pixels }: Frame): void {
+  draw({ header, pixels, colour }: Frame): void {
     const { rows, columns } = header;
     if (this.image?.width !== columns || this.image.height !== rows) {
       this.canvas.width = columns;
@@ -29,7 +45,20 @@ export class Picture {
     }
     const { words } = this;
     for (let k = 0; k < pixels.length; k += 1) words[k] = GREY[pixels[k]];
+    if (colour && header.colour) paint(words, columns, colour, header.colour);
     this.context.putImageData(this.image, 0, 0);
     this.canvas.dataset.frame = String(header.frame);
+  }
+}
+
+/** Velocities over the grey picture, in their window of it. */
+function paint(words: Uint32Array, width: number, levels: Int8Array, { row, column, rows, columns }: ColourPlace): void {
+  for (let i = 0; i < rows; i += 1) {
+    const from = i * columns;
+    const to = (row + i) * width + column;
+    for (let j = 0; j < columns; j += 1) {
+      const level = levels[from + j];
+      if (level !== NO_FLOW) words[to + j] = COLOURS[level + 128];
+    }
   }
 }

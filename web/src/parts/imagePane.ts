@@ -6,7 +6,7 @@ import { roomBeside, type Side } from "../image/corner";
 import { fit, Mapping, type Raster } from "../image/fit";
 import { needleInImage, skinLine } from "../image/geometry";
 import { faceOrigin, Marks } from "../image/marks";
-import { Picture } from "../image/picture";
+import { colourOf, Picture } from "../image/picture";
 import { Ruler } from "../image/ruler";
 import { parallel, sector, type Point, type Sector } from "../image/sector";
 import { cap } from "../keys";
@@ -203,6 +203,17 @@ export class ImagePane {
     if (!kept || this.element.classList.contains("waiting") || !scene) this.place();
     else this.drawMarks(header, scene);
     if (scene) this.writeCaption(header.state, scene);
+    this.drawScale(header.colour?.nyquist_cm_s ?? 0);
+  }
+
+  /** Beside the image stand the greys, or with colour Doppler its colours, up to the velocity that aliases. */
+  private drawScale(nyquist: number): void {
+    const text = nyquist ? nyquist.toFixed(nyquist < 10 ? 1 : 0) : "";
+    if (this.greyBar.dataset.scale === text) return;
+    this.greyBar.dataset.scale = text;
+    const stops = Array.from({ length: 21 }, (_, k) => colourOf(1 - k / 10));
+    this.greyBar.style.background = nyquist ? `linear-gradient(${stops.join(",")})` : "";
+    this.greyBar.replaceChildren(...(nyquist ? [`+${text}`, `\u2212${text} cm/s`].map((end) => h("span", {}, end)) : []));
   }
 
   private drawMarks(header: FrameHeader, scene: Scene): void {

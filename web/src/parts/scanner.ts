@@ -3,7 +3,7 @@
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
-import { show, SLIDERS, TRANSMIT } from "../knobs";
+import { COLOUR, show, SLIDERS, TRANSMIT } from "../knobs";
 import type { ImageSettings, Knob } from "../protocol";
 import { popup } from "./menu";
 import { stepper } from "./stepper";
@@ -23,8 +23,8 @@ export class ScannerMenu {
     const [button, menu] = ["scanner-button", "scanner-menu"];
     this.button = h(
       "button",
-      { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, grey map" },
-      h("span", {}, "TGC, maps"),
+      { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, colour Doppler, grey map" },
+      h("span", {}, "TGC, colour"),
       icon("chevron", 14),
     );
     this.menu = h("div", { class: "menu", id: menu, role: "menu", "aria-labelledby": button, hidden: true });
@@ -40,7 +40,7 @@ export class ScannerMenu {
     const { command, answers } = this.desk.session;
     if (!command) return;
     const image = command.image as unknown as Record<string, number>;
-    toggle(this.button, "lit", SLIDERS.some((id) => image[id.slice("image.".length)] !== 0) || command.image.mode === "harmonic" || command.image.grey_map !== "linear");
+    toggle(this.button, "lit", SLIDERS.some((id) => image[id.slice("image.".length)] !== 0) || command.image.mode === "harmonic" || command.image.grey_map !== "linear" || command.image.colour !== "off");
     toggle(this.menu, "held", !answers);
     for (const one of this.refreshed) one();
   }
@@ -58,6 +58,7 @@ export class ScannerMenu {
       h("div", { class: "row" }, this.action("Level", all([])), this.action("As left by a hand", all(IMPERFECT))),
       h("div", { class: "row" }, transmit.element),
       this.word("Harmonic", "Heard at twice the frequency: a narrower beam, less clutter", "mode", "harmonic", "fundamental"),
+      ...this.doppler(),
       h("h3", {}, "Grey map"),
       h("div", { class: "row maps" }, ...MAPS.map((map) => this.word(map, "", "grey_map", map))),
     ];
@@ -65,12 +66,26 @@ export class ScannerMenu {
     return entries;
   }
 
+  /** Colour Doppler, where anything flows: the switch, and what its box needs. */
+  private doppler(): HTMLElement[] {
+    const { session } = this.desk;
+    if (!session.scene?.flows) return [];
+    const knobs = COLOUR.map((id) => session.knob(id)).filter(({ low, high }) => high > low);
+    const steppers = knobs.map((knob) => stepper(this.desk, knob));
+    this.refreshed.push(...steppers.map(({ refresh }) => refresh));
+    return [
+      h("h3", {}, "Colour Doppler"),
+      this.word("Colour", "What flows in the box, in cm/s along the beam", "colour", "flow", "off"),
+      ...steppers.map(({ element }) => h("div", { class: "row" }, element)),
+    ];
+  }
+
   private action(name: string, act: () => void): HTMLElement {
     return h("button", { type: "button", role: "menuitem", tabindex: -1, onclick: act }, h("b", {}, name));
   }
 
   /** A word of the image's settings; where there is another, it goes back to that. */
-  private word<K extends "mode" | "grey_map">(name: string, note: string, field: K, on: ImageSettings[K], off?: ImageSettings[K]): HTMLElement {
+  private word<K extends "mode" | "grey_map" | "colour">(name: string, note: string, field: K, on: ImageSettings[K], off?: ImageSettings[K]): HTMLElement {
     const { session } = this.desk;
     const is = () => session.command?.image[field] === on;
     const click = () => session.choose({ [field]: is() && off !== undefined ? off : on });
