@@ -23,12 +23,15 @@ class Running:
 
     def __init__(self, exercises=None, **options):
         catalog = SceneCatalog({"small": Entry(SceneFile.parse(SMALL_PAPER), Path())}, exercises=exercises)
-        self.server = Server(catalog, port=0, **options)
+        self.server = self.made(catalog, port=0, **options)
         ready = threading.Event()
         self.thread = threading.Thread(target=self.server.run, args=(lambda address: ready.set(),))
         self.thread.start()
         assert ready.wait(60)
         self.port = self.server.port
+
+    def made(self, catalog, **options):
+        return Server(catalog, **options)
 
     def url(self, path="/live"):
         return f"ws://127.0.0.1:{self.port}{path}"

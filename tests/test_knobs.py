@@ -142,7 +142,9 @@ def test_the_page_gives_it_buttons_a_key_and_a_line_of_help(toy_server, browser)
 
 
 def test_the_schema_that_the_page_is_built_with_is_of_these_messages():
-    assert Path(schema.FILE).read_text() == schema.text(), "run python -m sonospline.server.schema"
+    assert Path(schema.FILE).read_text() == schema.text(schema.protocol_schema()), (
+        "run python -m sonospline.server.schema"
+    )
 
 
 def test_what_is_said_fits_the_schema(running):

@@ -29,6 +29,7 @@ FLOORS = (
     {"lab"},
     {"link"},
     {"server"},
+    {"course"},
     {"bench"},
     {"study"},
     {"commands"},

@@ -147,9 +147,9 @@ def test_a_client_that_does_not_read_is_hung_up_on():
         outbox = Outbox(4)
         connection = Connection(SceneCatalog(), outbox)
         for _ in range(4):
-            connection._sender.say(ModelMessage(model="paper"))
+            connection.sender.say(ModelMessage(model="paper"))
         assert not connection.verdict.done()
-        connection._sender.say(ModelMessage(model="paper"))
+        connection.sender.say(ModelMessage(model="paper"))
         assert connection.verdict.result().reason == "messages are not read"
         assert len(outbox.texts()) == 4
 

@@ -16,7 +16,7 @@ from sonospline.simulator import Console
 
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
-    assert page.hello["protocol"] == 4
+    assert page.hello["protocol"] == 5
     assert [scene["id"] for scene in page.hello["scenes"]] == ["small", "kidney", "gel", "cube"]
     scene = page.scene
     assert scene["frame"]["out"] == [0, -1, 0]

@@ -11,9 +11,9 @@ import pytest
 from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import wire
-from sonospline.server.attempt_recording import Recordings
 from sonospline.server.exercise_catalog import ExerciseCatalog, ExerciseEntry, read_folder
 from sonospline.training import Exercise, Recording, measure
+from sonospline.training.attempt_recording import Recordings
 
 pytest.importorskip("mcap")
 

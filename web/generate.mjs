@@ -1,10 +1,13 @@
-/** Makes src/protocol.gen.ts, the types of what page and server say, from the protocol's schema. */
+/** Makes src/protocol.gen.ts and src/trainer.gen.ts, the types of what pages and server say, from their schemas. */
 
 import { readFile, writeFile } from "node:fs/promises";
 import { compile } from "json-schema-to-typescript";
 
 const HERE = new URL("./", import.meta.url);
-const BANNER = "/** Made of protocol.schema.json by generate.mjs: change the messages in src/sonospline/server instead. */";
+const SAID = [
+  ["protocol", "Protocol", "server"],
+  ["trainer", "TrainerProtocol", "course"],
+];
 
 /** A tuple as the generator knows it: `prefixItems` came after the drafts it reads. */
 function asItems(schema) {
@@ -14,6 +17,9 @@ function asItems(schema) {
   return prefixItems ? { ...rest, items: prefixItems } : rest;
 }
 
-const schema = asItems(JSON.parse(await readFile(new URL("protocol.schema.json", HERE), "utf8")));
-const types = await compile(schema, "Protocol", { bannerComment: BANNER, additionalProperties: false, format: false });
-await writeFile(new URL("src/protocol.gen.ts", HERE), types);
+for (const [file, name, room] of SAID) {
+  const schema = asItems(JSON.parse(await readFile(new URL(`${file}.schema.json`, HERE), "utf8")));
+  const bannerComment = `/** Made of ${file}.schema.json by generate.mjs: change the messages in src/sonospline/${room} instead. */`;
+  const types = await compile(schema, name, { bannerComment, additionalProperties: false, format: false });
+  await writeFile(new URL(`src/${file}.gen.ts`, HERE), types);
+}

@@ -6,6 +6,7 @@ export default defineConfig({
   base: "./",
   server: { host: "127.0.0.1" },
   build: {
+    rollupOptions: { input: ["index.html", "trainer.html"] },
     outDir: "../src/sonospline/server/page",
     emptyOutDir: true,
     target: "es2022",

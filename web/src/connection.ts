@@ -21,8 +21,8 @@ const FINAL: readonly number[] = [IDLE, TAKEN_OVER];
 const FORGOTTEN: readonly number[] = [IDLE, POLICY, TAKEN_OVER];
 
 /** Where the server listens: beside the page, with the page's own token, and the key of a session to come back to. */
-export function liveAddress(page: string, session: string | null = null): string {
-  const address = new URL("live", page);
+export function liveAddress(page: string, session: string | null = null, door = "live"): string {
+  const address = new URL(door, page);
   address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
   address.search = new URL(page).search;
   if (session) address.searchParams.set("session", session);
@@ -37,8 +37,12 @@ export interface Loss {
   reason: string;
 }
 
-export class Connection {
-  readonly text = new Signal<ServerText>();
+/** What a session needs of it. */
+export type Link = Pick<Connection, "text" | "binary" | "opened" | "lost" | "broken" | "isOpen" | "session" | "send" | "settle" | "open" | "abandon">;
+
+/** Of a page at a station by default; the trainer's says and hears other things, at a door of its own that is shut for good to who has not its key. */
+export class Connection<Said = ServerText, Asked = ClientText> {
+  readonly text = new Signal<Said>();
   readonly binary = new Signal<Binary>();
   readonly opened = new Signal<void>();
   readonly lost = new Signal<Loss>();
@@ -52,12 +56,13 @@ export class Connection {
   constructor(
     private readonly page: string,
     public session: string | null = null,
+    private readonly door: "live" | "trainer" = "live",
   ) {}
 
   open(): void {
     window.clearTimeout(this.timer);
     this.drop();
-    const socket = new WebSocket(liveAddress(this.page, this.session));
+    const socket = new WebSocket(liveAddress(this.page, this.session, this.door));
     let opened = false;
     socket.binaryType = "arraybuffer";
     socket.onmessage = (event) => this.read(event.data as string | ArrayBuffer);
@@ -81,7 +86,7 @@ export class Connection {
     return this.socket?.readyState === WebSocket.OPEN;
   }
 
-  send(message: ClientText): boolean {
+  send(message: Asked): boolean {
     if (!this.isOpen) return false;
     this.socket?.send(JSON.stringify(message));
     return true;
@@ -102,7 +107,7 @@ export class Connection {
 
   private read(data: string | ArrayBuffer): void {
     try {
-      if (typeof data === "string") this.text.emit(JSON.parse(data) as ServerText);
+      if (typeof data === "string") this.text.emit(JSON.parse(data) as Said);
       else this.binary.emit(decode(data));
     } catch (error) {
       if (!(error instanceof RangeError || error instanceof SyntaxError)) throw error;
@@ -124,9 +129,13 @@ export class Connection {
 
   /** A socket that never opened does not say why; a plain request of the same address does, where somebody is there. */
   private async askWhy(loss: Loss): Promise<void> {
-    const address = liveAddress(this.page).replace(/^ws/, "http");
+    const address = liveAddress(this.page, null, this.door).replace(/^ws/, "http");
     const answer = await fetch(address).catch(() => null);
     if (answer?.status !== 403 && answer?.status !== 503) return;
     loss.reason = (await answer.text()).trim().replace(/\.$/, "");
+    if (this.door === "live" || answer.status !== 403) return;
+    window.clearTimeout(this.timer);
+    loss.nextAt = null;
+    this.lost.emit(loss);
   }
 }

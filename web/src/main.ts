@@ -26,6 +26,7 @@ import { Player } from "./parts/player";
 import { MotionPlot } from "./parts/plot";
 import { imageBar, needleRail, probeRail } from "./parts/rails";
 import { ReadoutsPart } from "./parts/readouts";
+import { SitDown, StationTag } from "./parts/station";
 import { RefusalSheet } from "./parts/refusal";
 import { tapped, ViewPane } from "./parts/viewPane";
 import { Reel } from "./reel";
@@ -70,6 +71,7 @@ const reel = new Reel(trainer);
 const player = new Player(trainer, reel, () => image.refreshMarks());
 const sheet = new RefusalSheet(session, picker ?? header.element);
 const calliper = new Calliper(image);
+picker?.after(new StationTag(trainer).element);
 const announcer = new Announcer(desk);
 const pads = new GamepadReader(desk);
 const controls = dock(desk);
@@ -77,7 +79,7 @@ const controls = dock(desk);
 document.body.append(
   header.element,
   probeRail(desk),
-  h("main", { class: "stage" }, image.element, readouts.element, notice.element, calliper.element, player.element, briefing.element, lost.element),
+  h("main", { class: "stage" }, image.element, readouts.element, notice.element, calliper.element, player.element, briefing.element, new SitDown(trainer).element, lost.element),
   h("div", { class: "side" }, h("div", { class: "column" }, view.element, plot.element, pass.element, sheet.element), controls),
   needleRail(desk),
   imageBar(desk),
@@ -119,6 +121,7 @@ trainer.changed.on((phase) => {
   if (phase === "attempt" && before !== "attempt") image.element.focus();
 });
 document.body.dataset.phase = trainer.phase;
+trainer.stationed.on(({ models_locked }) => document.body.classList.toggle("models-locked", models_locked));
 session.statusChanged.on((status) => (document.body.dataset.status = status));
 document.body.dataset.status = session.status;
 

@@ -1,10 +1,11 @@
-/** What page and server say to each other, version 4: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
+/** What page and server say to each other, version 5: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
 
 import type { FrameHeader, GeometryHeader, Hello, MeshHeader, OfferedExercise, Protocol } from "./protocol.gen";
+import type { ThumbHeader } from "./trainer.gen";
 
 export type {
   ColourPlace, Command, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
-  ProbeOutline, Readouts, Refused, RunningAttempt, TargetPlace,
+  ProbeOutline, Readouts, Refused, RunningAttempt, StationMessage, TargetPlace,
   SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";
 
@@ -13,7 +14,7 @@ export type ClientText = Protocol["client"];
 export type Guide = OfferedExercise["guides"][number];
 
 /** A page that was left open while the server was replaced must not guess. */
-export const PROTOCOL: Hello["protocol"] = 4;
+export const PROTOCOL: Hello["protocol"] = 5;
 
 /** One drawn-to-be image with everything that belongs to it. */
 export interface Frame {
@@ -35,10 +36,17 @@ export interface Geometry {
   meshes: MeshData[];
 }
 
-export type Binary = { kind: "frame"; frame: Frame } | { kind: "geometry"; geometry: Geometry };
+/** A small picture of a station. */
+export interface Thumb {
+  header: ThumbHeader;
+  pixels: Uint8Array;
+}
+
+export type Binary = { kind: "frame"; frame: Frame } | { kind: "geometry"; geometry: Geometry } | { kind: "thumb"; thumb: Thumb };
 
 const FRAME = 1;
 const GEOMETRY = 2;
+const THUMB = 3;
 
 /** Take a binary message apart without copying it. */
 export function decode(buffer: ArrayBuffer): Binary {
@@ -51,7 +59,8 @@ export function decode(buffer: ArrayBuffer): Binary {
   const header: unknown = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
   if (kind === FRAME) return { kind: "frame", frame: frame(buffer, start, header as FrameHeader) };
   if (kind === GEOMETRY) return { kind: "geometry", geometry: geometry(buffer, start, header as GeometryHeader) };
-  throw new RangeError(`kind = ${kind} is not known; this page knows 1 and 2`);
+  if (kind === THUMB) return { kind: "thumb", thumb: thumb(buffer, start, header as ThumbHeader) };
+  throw new RangeError(`kind = ${kind} is not known; this page knows 1 to 3`);
 }
 
 function frame(buffer: ArrayBuffer, start: number, header: FrameHeader): Frame {
@@ -62,6 +71,10 @@ function frame(buffer: ArrayBuffer, start: number, header: FrameHeader): Frame {
   const { colour } = header;
   const levels = colour ? new Int8Array(buffer, behind + 12 * header.mesh, colour.rows * colour.columns) : null;
   return { header, pixels, positions, colour: levels };
+}
+
+function thumb(buffer: ArrayBuffer, start: number, header: ThumbHeader): Thumb {
+  return { header, pixels: new Uint8Array(buffer, start, header.rows * header.columns) };
 }
 
 function geometry(buffer: ArrayBuffer, start: number, header: GeometryHeader): Geometry {

@@ -1,6 +1,6 @@
 /** One person at one simulator: the scene, the command of the hand, and the frames that answer it. */
 
-import { Connection, type Loss } from "./connection";
+import type { Link, Loss } from "./connection";
 import { ACROSS, ALONG, put, read } from "./knobs";
 import { Meter } from "./latency";
 import { Heartbeat } from "./heartbeat";
@@ -75,13 +75,13 @@ export class Session {
   private view: View = { grid: false, ahead: 1 };
   private readonly heart = new Heartbeat();
 
-  constructor(private readonly link: Connection) {
+  constructor(private readonly link: Link) {
     link.opened.on(() => this.restart());
     link.text.on((message) => this.hear(message));
     link.binary.on((message) => {
       this.heart.heardAt = performance.now();
       if (message.kind === "geometry") return this.geometry.emit(message.geometry);
-      this.pending.push(message.frame);
+      if (message.kind === "frame") this.pending.push(message.frame);
       this.arrived.emit();
     });
     link.lost.on((loss) => this.lose(loss));
@@ -108,7 +108,7 @@ export class Session {
 
   /** Whether something may be shown beside the image. */
   allows(guide: Guide): boolean {
-    return (this.reviewing && this.truth) || !this.scene?.attempt || this.scene.attempt.exercise.guides.includes(guide);
+    return (this.reviewing && this.truth) || !this.scene || this.scene.guides.includes(guide);
   }
 
   say(message: ClientText): void {

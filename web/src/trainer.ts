@@ -1,6 +1,6 @@
 /** Exercises on the page: which there are, what is read before, what runs, and what came of it. */
 
-import type { Debrief, OfferedExercise, RunningAttempt, ServerText } from "./protocol";
+import type { Debrief, OfferedExercise, RunningAttempt, ServerText, StationMessage } from "./protocol";
 import type { Session } from "./session";
 import { Signal } from "./signal";
 
@@ -11,9 +11,13 @@ export class Trainer {
   /** What is read before it begins. */
   briefed: OfferedExercise | null = null;
   debrief: Debrief | null = null;
+  /** In a lab: which station this is, and what its trainer has set. */
+  station: StationMessage | null = null;
   /** Attempts that have begun on this page, by exercise. */
   private readonly counts = new Map<string, number>();
   readonly changed = new Signal<Phase>();
+  /** Something of the station has changed. */
+  readonly stationed = new Signal<StationMessage>();
   /** Something was loading and does not come. */
   private waiting = false;
 
@@ -78,10 +82,25 @@ export class Trainer {
     return this.offered[(at + 1) % this.offered.length] ?? null;
   }
 
+  /** Have what the trainer has set read, where nothing else is under way. */
+  private follow(): boolean {
+    const set = this.offered.find(({ id }) => id === this.station?.exercise);
+    if (!set || this.phase !== "practice") return false;
+    this.briefed = set;
+    return true;
+  }
+
   private hear(message: ServerText): void {
     if (message.type === "exercises") {
       this.offered = message.offered;
+      this.follow();
       this.changed.emit(this.phase);
+    }
+    if (message.type === "station") {
+      const before = this.station?.exercise ?? null;
+      this.station = message;
+      this.stationed.emit(message);
+      if (message.exercise !== before && this.follow()) this.changed.emit(this.phase);
     }
     if (message.type === "debrief") {
       this.session.reviewing = true;

@@ -1,7 +1,7 @@
 import { beforeEach, describe, expect, it, vi } from "vitest";
 import type { Connection } from "../src/connection";
 import { clock, number, title, wanted, withUnit } from "../src/metrics";
-import { PROTOCOL, type Debrief, type FrameHeader, type OfferedExercise, type Scene } from "../src/protocol";
+import { PROTOCOL, type Debrief, type FrameHeader, type OfferedExercise, type Scene, type StationMessage } from "../src/protocol";
 import { Session } from "../src/session";
 import { Trainer } from "../src/trainer";
 import { command, push } from "./knobs";
@@ -30,7 +30,7 @@ describe("metrics in words", () => {
 
 describe("a trainer", () => {
   const exercise = { id: "toy", name: "Toy", guides: ["tip"] } as unknown as OfferedExercise;
-  const scene = { type: "scene", id: "gel", name: "Gel", models: [], model: "paper", target: "t", knobs: [push], state: command, start: command, attempt: null } as unknown as Scene;
+  const scene = { type: "scene", id: "gel", name: "Gel", models: [], model: "paper", target: "t", knobs: [push], state: command, start: command, attempt: null, guides: ["path", "target", "tip", "numbers", "3-D view"] } as unknown as Scene;
   let wire: Wire;
   let session: Session;
   let trainer: Trainer;
@@ -53,6 +53,22 @@ describe("a trainer", () => {
     wire.text.emit({ type: "exercises", offered: [exercise] });
   });
 
+  it("has what a lab's trainer sets read, and shows comments without leaving the debrief's place", () => {
+    const station: StationMessage = { type: "station", name: "3", participant: "K-17", exercise: "toy", guides_locked: false, models_locked: false, said: "", comments: [] };
+    const changes: string[] = [];
+    trainer.changed.on((phase) => changes.push(phase));
+    wire.text.emit(station);
+    expect([trainer.phase, trainer.briefed?.id]).toEqual(["briefing", "toy"]);
+    trainer.brief(null);
+    wire.text.emit({ ...station, said: "Sweep first" });
+    expect(trainer.phase).toBe("practice");
+    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" }, guides: exercise.guides });
+    wire.text.emit({ type: "debrief", exercise } as unknown as Debrief);
+    const before = changes.length;
+    wire.text.emit({ ...station, comments: [{ time_s: 2, text: "Good" }] });
+    expect([trainer.phase, trainer.station?.comments.length, changes.length]).toEqual(["debrief", 1, before]);
+  });
+
   it("asks for the exercises once there is a picture, and goes through its phases", () => {
     expect(wire.said.filter(({ type }) => type === "list_exercises")).toHaveLength(1);
     expect(trainer.phase).toBe("practice");
@@ -61,7 +77,7 @@ describe("a trainer", () => {
     trainer.begin("toy");
     trainer.begin("toy");
     expect(wire.said.filter(({ type }) => type === "begin_attempt")).toEqual([{ type: "begin_attempt", exercise: "toy", seed: null }]);
-    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" } });
+    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" }, guides: exercise.guides });
     show();
     expect([trainer.phase, trainer.count("toy")]).toEqual(["attempt", 1]);
     expect([session.allows("tip"), session.allows("target")]).toEqual([true, false]);
@@ -79,7 +95,7 @@ describe("a trainer", () => {
   });
 
   it("lets a recording move the hand, and nothing else", () => {
-    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" } });
+    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" }, guides: exercise.guides });
     show();
     wire.text.emit({ type: "debrief", exercise } as unknown as Debrief);
     const deep = { ...command, needle: { ...command.needle, depth: 20 }, frozen: true };

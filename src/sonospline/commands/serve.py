@@ -8,12 +8,14 @@ import contextlib
 import json
 import os
 import sys
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..link.page_link import PageLink
 
+MOST_STATIONS = 64
 HELP = "serve the live simulator: a needle and a probe in a browser, tissue that answers"
 EXAMPLES = """examples:
   sonospline serve                                        # kidney access; open the address it prints
@@ -23,6 +25,7 @@ EXAMPLES = """examples:
   sonospline serve --volume us.mha
   sonospline serve --link 18944                           # 3D Slicer sees what the page shows
   sonospline serve --exercises course --record attempts   # exercises of your own, and every attempt kept
+  sonospline serve --lab 8 --results course.db            # a lab of eight stations, and a trainer's page
   sonospline serve --host 0.0.0.0 --token "open sesame"   # for others on the network; Ctrl-C ends it
 """
 
@@ -39,6 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     train = parser.add_argument_group("training")
     train.add_argument("--exercises", type=Path, metavar="DIR", help="a folder of exercises of your own (.toml)")
     train.add_argument("--record", type=Path, metavar="DIR", help="a folder to keep the recording of each attempt in")
+    lab = parser.add_argument_group("lab")
+    lab.add_argument("--lab", type=int, nargs="?", const=8, metavar="N", help="a lab of N stations and a trainer (8)")
+    lab.add_argument("--results", metavar="FILE|ADDRESS", help="its results: a file of SQLite, or PostgreSQL (lab.db)")
+    lab.add_argument("--course", metavar="NAME", help="what its attempts belong to (today's date)")
     where = parser.add_argument_group("server")
     where.add_argument("--port", type=int, default=8765, help="port (8765; 0 for any free one)")
     where.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine alone)")
@@ -67,6 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "port": _limits.Whole(0, 65_535),
             "link": _limits.Whole(0, 65_535),
             "sessions": _limits.Whole(1, 1000),
+            "lab": _limits.Whole(1, MOST_STATIONS),
             "idle": _limits.Real(1e-3, 1e6),
         },
     )
@@ -76,18 +84,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _serve(args: argparse.Namespace, link: PageLink | None) -> dict[str, Any]:
     from .. import _terminal
-    from ..server.server import Server
 
-    server = Server(
-        _catalog(args), host=args.host, port=args.port, token=args.token, sessions=args.sessions,
-        idle_s=60 * args.idle, watch=None if link is None else link.watch,
-    )  # fmt: skip
+    server = _server(args, link)
+    trainer = getattr(server, "trainer_address", None)
 
     def ready(address: str) -> None:
         if args.json:
-            _terminal.answer(json.dumps({"address": address} | ({} if link is None else {"link": link.server.port})))
+            known = {"address": address, "link": None if link is None else link.server.port, "trainer": trainer}
+            _terminal.answer(json.dumps({name: value for name, value in known.items() if value is not None}))
             return
         _terminal.say(f"Sonospline is at {address} (Ctrl-C ends it)")
+        if trainer is not None:
+            _terminal.say(f"{args.lab} stations take that address; the trainer's own is {trainer}")
         if link is not None:
             _terminal.say(f"what the first page shows is on port {link.server.port} of {link.server.host} as well")
 
@@ -100,9 +108,44 @@ def _serve(args: argparse.Namespace, link: PageLink | None) -> dict[str, Any]:
         code = end.code
         raise
     finally:
+        if trainer is not None:
+            server.course.close()
         if not server.catalog.close(within_s=0.0):
             atexit.register(_leave, code)
     return {"address": server.address, "scene": server.catalog.first}
+
+
+def _server(args: argparse.Namespace, link: PageLink | None) -> Any:
+    options = {
+        "host": args.host, "port": args.port, "token": args.token, "idle_s": 60 * args.idle,
+        "watch": None if link is None else link.watch,
+    }  # fmt: skip
+    if args.lab is None:
+        from ..server.server import Server
+
+        for name in ("results", "course"):
+            if getattr(args, name) is not None:
+                raise ValueError(f"--{name} belongs to --lab; give both")
+        return Server(_catalog(args), sessions=args.sessions, **options)
+    from ..course.course import Course
+    from ..course.lab_server import LabServer
+    from ..lab.result_store import ResultStore
+
+    results = args.results or "lab.db"
+    name = args.course or datetime.now().astimezone().date().isoformat()
+    course = Course(
+        _catalog(args), ResultStore(results), stations=args.lab, name=name, keeps_recordings=args.record is not None
+    )
+    try:
+        return LabServer(course, results=_called(results), **options)
+    except BaseException:
+        course.close()
+        raise
+
+
+def _called(results: str) -> str:
+    """A database without its password, a file without its folder."""
+    return results.rpartition("@")[2] if "://" in results else Path(results).name
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
@@ -160,8 +203,8 @@ def _catalog(args: argparse.Namespace) -> Any:
 
 def _exercises(args: argparse.Namespace) -> Any:
     """Those of a folder before the shipped ones, and where attempts are written down."""
-    from ..server.attempt_recording import Recordings
     from ..server.exercise_catalog import ExerciseCatalog, read_folder
+    from ..training.attempt_recording import Recordings
 
     if args.record is not None:
         from .._extras import require

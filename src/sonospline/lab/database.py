@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from .._extras import require
 from .._shown import shown
-from .schema import VERSION, schema
+from .schema import LACKS_TABLES, VERSION, schema
 
 T = TypeVar("T")
 
@@ -124,7 +124,12 @@ class Database:
                 tables.metadata.create_all(connection)
                 connection.execute(tables.about.insert(), [{"key": "version", "value": VERSION}])
                 return
-            found = connection.scalar(self.sql.select(tables.about.c.value).where(tables.about.c.key == "version"))
+            about = tables.about
+            found = connection.scalar(self.sql.select(about.c.value).where(about.c.key == "version"))
+            if found in LACKS_TABLES:
+                tables.metadata.create_all(connection)
+                connection.execute(about.update().where(about.c.key == "version").values(value=VERSION))
+                return
         if found != VERSION:
             raise LabDatabaseError(
                 f"{self.name} has tables of version {found}, this sonospline reads {VERSION}; export it with the one "

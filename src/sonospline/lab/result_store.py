@@ -14,7 +14,7 @@ from .._shown import shown
 from .attempt_record import AttemptRecord
 from .cusum import Cusum, LearningCurve
 from .database import Database
-from .schema import LONGEST_CODE, LONGEST_NAME, schema
+from .schema import LONGEST_CODE, LONGEST_COMMENT, LONGEST_NAME, schema
 from .standing import Standing
 
 _SHOWN = ("final_error_mm", "blind_advance_mm")
@@ -99,6 +99,40 @@ class ResultStore:
         """
         return self._database.write(lambda connection: self._kept(connection, participant, record, session))
 
+    def add_comment(self, attempt: int, time_s: float, text: str) -> None:
+        """Keep what the trainer says of a moment of an attempt.
+
+        Parameters
+        ----------
+        attempt : int
+            Its number, as :meth:`add` returns it.
+        time_s : float
+            Seconds from its beginning.
+        text : str
+            At most 500 letters.
+
+        Raises
+        ------
+        ValueError
+            No such attempt, a time before its beginning, or a text that is empty or too long.
+        """
+        table, attempts = self._tables.comments, self._tables.attempts
+        values = {"time_s": _validate.number("time_s", time_s), "text": check_comment(text)}
+
+        def work(connection: Any) -> None:
+            if self._found(connection, attempts, id=attempt) is None:
+                raise ValueError(f"attempt = {attempt} is not kept here")
+            connection.execute(table.insert().values(attempt_id=attempt, **values))
+
+        self._database.write(work)
+
+    def comments(self, attempt: int) -> list[tuple[float, str]]:
+        """Return the comments on an attempt, each with its time in seconds, in the order of their times."""
+        table = self._tables.comments
+        query = self._sql.select(table.c.time_s, table.c.text).where(table.c.attempt_id == attempt)
+        with self._database.reading() as connection:
+            return [(time, text) for time, text in connection.execute(query.order_by(table.c.time_s, table.c.id))]
+
     def participants(self) -> list[tuple[str, str | None]]:
         """Return the codes, each with its group, in order."""
         people, groups = self._tables.participants, self._tables.groups
@@ -160,6 +194,21 @@ class ResultStore:
             who = self._participant(connection, participant)
             passed = connection.scalars(query.where(attempts.c.participant_id == who)).all()
         return (test or Cusum()).curve(not one for one in passed)
+
+    def curves(self, exercise: str, *, test: Cusum | None = None) -> dict[str, LearningCurve]:
+        """Return the learning curves of all who have attempted an exercise, by their codes."""
+        attempts, exercises, people = self._tables.attempts, self._tables.exercises, self._tables.participants
+        query = (
+            self._sql.select(people.c.code, attempts.c.passed)
+            .select_from(attempts.join(exercises).join(people))
+            .where(exercises.c.name == exercise)
+            .order_by(attempts.c.id)
+        )
+        failed: dict[str, list[bool]] = {}
+        with self._database.reading() as connection:
+            for code, passed in connection.execute(query):
+                failed.setdefault(code, []).append(not passed)
+        return {code: (test or Cusum()).curve(found) for code, found in sorted(failed.items())}
 
     def attempts(self, *, participant: str | None = None, exercise: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield every attempt in the order in which they were kept, its metrics among its values."""
@@ -288,6 +337,14 @@ def check_code(code: str) -> str:
             "e.g. K-17: names are not kept"
         )
     return code
+
+
+def check_comment(text: str) -> str:
+    """Return a comment without blanks around it, or raise ValueError."""
+    text = _validate.text("comment", text).strip()
+    if not 0 < len(text) <= LONGEST_COMMENT:
+        raise ValueError(f"comment has {len(text)} letters; give 1 to {LONGEST_COMMENT}")
+    return text
 
 
 def _named(what: str, name: str) -> str:

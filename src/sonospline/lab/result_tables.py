@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from .._extras import require
 from ..training.metric import METRICS
@@ -43,16 +43,17 @@ def write_tables(attempts: Iterable[dict[str, Any]], folder: str | Path) -> tupl
     ('attempts.csv', 'attempts.parquet')
     """
     rows, folder = list(attempts), Path(folder)
-    _write_csv(rows, folder / "attempts.csv")
+    with (folder / "attempts.csv").open("w", newline="", encoding="utf-8") as stream:
+        write_csv(rows, stream)
     _write_parquet(rows, folder / "attempts.parquet")
     return "attempts.csv", "attempts.parquet"
 
 
-def _write_csv(rows: list[dict[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow((*COLUMNS, *METRICS))
-        writer.writerows([_text(row.get(name)) for name in (*COLUMNS, *METRICS)] for row in rows)
+def write_csv(rows: Iterable[dict[str, Any]], stream: TextIO) -> None:
+    """Write attempts as CSV into an open file."""
+    writer = csv.writer(stream)
+    writer.writerow((*COLUMNS, *METRICS))
+    writer.writerows([_text(row.get(name)) for name in (*COLUMNS, *METRICS)] for row in rows)
 
 
 def _text(value: Any) -> str:

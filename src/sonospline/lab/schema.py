@@ -7,10 +7,13 @@ from typing import Any, NamedTuple
 
 from .._extras import require
 
-VERSION = "1"
+VERSION = "2"
 """Of the tables; a database of another one is refused."""
+LACKS_TABLES = ("1",)
+"""Versions that only lack tables of this one, and get them: 1 has no comments."""
 LONGEST_NAME = 200
 LONGEST_CODE = 16
+LONGEST_COMMENT = 500
 
 
 class Schema(NamedTuple):
@@ -25,6 +28,7 @@ class Schema(NamedTuple):
     recordings: Any
     attempts: Any
     metrics: Any
+    comments: Any
 
     def __repr__(self) -> str:
         return f"Schema(version {VERSION}, {len(self.metadata.tables)} tables)"
@@ -81,4 +85,8 @@ def schema() -> Schema:
         sql.Column("attempt_id", sql.ForeignKey("attempts.id"), primary_key=True),
         sql.Column("name", sql.String(60), primary_key=True), value("value", sql.Float),
     )  # fmt: skip
-    return Schema(metadata, about, groups, participants, sessions, exercises, recordings, attempts, metrics)
+    comments = table(
+        "comments", sql.Column("attempt_id", sql.ForeignKey("attempts.id"), nullable=False, index=True),
+        value("time_s", sql.Float), value("text", sql.Text),
+    )  # fmt: skip
+    return Schema(metadata, about, groups, participants, sessions, exercises, recordings, attempts, metrics, comments)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from typing import Annotated, Any, get_args
 
 from .._shown import shown
@@ -119,6 +120,12 @@ class ShowStep(ClientMessage, frozen=True, kw_only=True):
     step: Annotated[int, about("its place in the recording", low=0, high=MOST_SEQ)]
 
 
+class SitDown(ClientMessage, frozen=True, kw_only=True):
+    """At a station of a lab: who sits there from now on."""
+
+    participant: Annotated[Text, about("code of a participant; none for nobody")] | None
+
+
 class View(ClientMessage, frozen=True, kw_only=True):
     """What the page shows, and how."""
 
@@ -132,7 +139,7 @@ class Ping(ClientMessage, frozen=True, kw_only=True):
 
 Message = (
     CommandMessage | Drawn | ChooseModel | ChooseScene | OpenScene | ChooseTarget | UndoPass | Reset | Restore | View
-    | ListExercises | BeginAttempt | OnTarget | GiveUp | ShowStep | Ping
+    | ListExercises | BeginAttempt | OnTarget | GiveUp | ShowStep | SitDown | Ping
 )  # fmt: skip
 
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}
@@ -146,6 +153,12 @@ def parse(text: str) -> Message:
     MessageError
         Not JSON, an unknown type, an unknown or missing key, NaN, or a value of the wrong kind.
     """
+    message: Message = parse_as(KINDS, text)
+    return message
+
+
+def parse_as(kinds: Mapping[str, type[Any]], text: str) -> Any:
+    """Return the message in a text, of one of some kinds by their types."""
     try:
         values = json.loads(text, object_pairs_hook=_object)
     except MessageError:
@@ -155,13 +168,12 @@ def parse(text: str) -> Message:
     if not isinstance(values, dict):
         raise MessageError("message", "is no JSON object; send one with a type")
     name = values.get("type")
-    if not isinstance(name, str) or name not in KINDS:
-        raise MessageError("message", f"type = {shown(name)} is not known; send one of {', '.join(KINDS)}")
+    if not isinstance(name, str) or name not in kinds:
+        raise MessageError("message", f"type = {shown(name)} is not known; send one of {', '.join(kinds)}")
     try:
-        message: Message = read(KINDS[name], values)
+        return read(kinds[name], values)
     except FieldError as error:
         raise MessageError(name, str(error), _number_of(values)) from None
-    return message
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .review import Review
 from .scene_catalog import SceneCatalog
 from .scene_loader import SceneLoader
+from .seat import Seat
 from .sender import Sender
 
 if TYPE_CHECKING:
@@ -50,16 +51,24 @@ class Connection:
         What the session can be asked back by.
     watch : callable, optional
         Called with the runner of each of its sessions.
+    seat : Seat, optional
+        Who sits there.
     """
 
-    def __init__(self, catalog: SceneCatalog, outbox: Outbox, key: str = "", *, watch: Watch | None = None) -> None:
+    def __init__(
+        self, catalog: SceneCatalog, outbox: Outbox, key: str = "", *, watch: Watch | None = None,
+        seat: Seat | None = None,
+    ) -> None:  # fmt: skip
         self._catalog, self.key, self._watch = catalog, key, watch
-        self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
-        self._loader = SceneLoader(catalog, self._sender, self._refuse, self._replace)
+        self.seat = Seat() if seat is None else seat
+        self.sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
+        self._loader = SceneLoader(catalog, self.sender, self._refuse, self._replace)
         self._live: LiveSession | None = None
         self._review: Review | None = None
-        self._flow, self._limits = FrameFlow(), RateLimits()
+        self._flow, self._limits = FrameFlow(self.seat), RateLimits()
         self._seq = -1
+        self._changes = asyncio.Lock()
+        self._closed = False
         self._busy_at = time.monotonic()
         self.verdict: asyncio.Future[Verdict] = asyncio.get_running_loop().create_future()
         """Set when the client is to be hung up on."""
@@ -68,7 +77,8 @@ class Connection:
 
     def open(self, kept: Kept | None = None) -> None:
         """Greet the client; go on with a session that was kept for it, or load the first scene."""
-        self._sender.say(self._catalog.hello(self.key, resumed=kept is not None))
+        self.sender.say(self._catalog.hello(self.key, resumed=kept is not None))
+        self.seat.take(self)
         if kept is None:
             self._loader.load(self._catalog.first)
         else:
@@ -76,6 +86,7 @@ class Connection:
 
     async def close(self) -> Kept | None:
         """End the session's thread; return the session where it is worth to be kept."""
+        self._closed = True
         await self._loader.close()
         live, review = await self._end(), self._review
         if review is not None:
@@ -107,6 +118,9 @@ class Connection:
             message = heard.parse(text)
             if not isinstance(message, heard.Drawn | heard.Ping):
                 self._busy_at = time.monotonic()
+            refusal = self.seat.refusal(message)
+            if refusal is not None:
+                raise MessageError(str(message.__struct_config__.tag), refusal)
             self._do(message)
         except MessageError as error:
             self._refuse(error.what, str(error), seq=error.seq)
@@ -118,7 +132,7 @@ class Connection:
                 if self._live is not None:
                     self._live.wake()
             case heard.Ping():
-                self._sender.say(said.Pong())
+                self.sender.say(said.Pong())
             case heard.CommandMessage():
                 self._obey(message)
             case heard.View():
@@ -136,7 +150,7 @@ class Connection:
             case heard.Restore():
                 self._practice("restore").act(lambda stage: stage.console.restore())
             case heard.ListExercises():
-                self._sender.say(self._catalog.exercises.offer)
+                self.sender.say(self._catalog.exercises.offer)
             case heard.BeginAttempt():
                 self._begin(message.exercise, message.seed)
             case heard.OnTarget():
@@ -147,6 +161,8 @@ class Connection:
                 if self._review is None:
                     raise MessageError("show_step", "came while nothing is replayed; end an attempt first")
                 self._review.show(message.step)
+            case heard.SitDown():
+                self.seat.sit_down(message.participant)
             case heard.ChooseScene():
                 if message.id not in self._catalog.scenes:
                     known = ", ".join(self._catalog.scenes)
@@ -178,7 +194,7 @@ class Connection:
         if model not in known:
             raise MessageError("model", f"model = {model[:40]!r} is not known; choose one of {', '.join(known)}")
         self._practice("model").act(lambda stage: stage.console.session.switch(model))
-        self._sender.say(said.ModelMessage(model=model))
+        self.sender.say(said.ModelMessage(model=model))
 
     def _aim(self, target: str) -> None:
         live = self._practice("target")
@@ -186,7 +202,7 @@ class Connection:
         if target not in targets:
             raise MessageError("target", f"id = {target[:40]!r} is not known; choose one of {', '.join(targets)}")
         live.act(lambda stage: stage.console.session.choose_target(target))
-        self._sender.say(said.TargetMessage(id=target))
+        self.sender.say(said.TargetMessage(id=target))
 
     def _ready(self, what: str, seq: int | None = None) -> LiveSession:
         if self._live is None or self._live.ended:
@@ -212,37 +228,46 @@ class Connection:
             raise MessageError(what, "came while no exercise runs; begin one")
         return live
 
+    async def begin_again(self) -> None:
+        """Let a page go on with what it works on as if it had just come: what may be shown has changed."""
+        async with self._changes:
+            live = None if self._review is not None else await self._end()
+            if live is not None and not self._closed:
+                self._start(live.name, live.stage)
+
     async def _replace(self, name: str, stage: Stage) -> None:
         """Let something new take the place of what a page worked on."""
-        live = await self._end()
-        if live is not None:
-            live.stage.close()
-        if self._review is not None:
-            await self._review.end()
-            self._review = None
-        self._catalog.release_memory()
-        self._start(name, stage)
+        async with self._changes:
+            live = await self._end()
+            if live is not None:
+                live.stage.close()
+            if self._review is not None:
+                await self._review.end()
+                self._review = None
+            self._catalog.release_memory()
+            self._start(name, stage)
 
     def _start(self, name: str, stage: Stage) -> None:
         self._busy_at = time.monotonic()
+        self.seat.began(name, stage)
         if stage.exercise is None:
-            self._sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start))
-            self._live = LiveSession(name, stage, self._flow, self._sender, self._catalog, self._watch)
+            self.sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start, stage.guides))
+            self._live = LiveSession(name, stage, self._flow, self.sender, self._catalog, self._watch)
             return
         attempt = cast("LiveAttempt", stage)
         offered = next(one for one in self._catalog.exercises.offer.offered if one.id == attempt.exercise)
         running = said.RunningAttempt(exercise=offered, seed=attempt.attempt.seed, recorded=attempt.recording.problem)
-        self._sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start, running))
-        self._live = live = LiveSession(name, stage, self._flow, self._sender, self._catalog)
-        attempt.recording.on_problem = self._sender.report
-        attempt.on_end = lambda: self._sender.call(self._talk_about, live)
+        self.sender.say(said.SceneMessage.of(name, stage.console, stage.command, stage.start, stage.guides, running))
+        self._live = live = LiveSession(name, stage, self._flow, self.sender, self._catalog)
+        attempt.recording.on_problem = self.sender.report
+        attempt.on_end = lambda: self.sender.call(self._talk_about, live)
         if attempt.over:
             self._talk_about(live)
 
     def _talk_about(self, live: LiveSession) -> None:
         """An attempt has come to its end."""
         if live is self._live and self._review is None:
-            self._review = Review(live, cast("LiveAttempt", live.stage), self._catalog, self._flow, self._sender)
+            self._review = Review(live, cast("LiveAttempt", live.stage), self._catalog, self._flow, self.sender)
 
     async def _end(self) -> LiveSession | None:
         live = self._live
@@ -254,6 +279,6 @@ class Connection:
     def _refuse(
         self, what: str, problem: str, *, seq: int | None = None, file: str | None = None, line: int | None = None
     ) -> None:
-        self._sender.say(said.Refused(what=what, message=problem, file=file, line=line, seq=seq))
+        self.sender.say(said.Refused(what=what, message=problem, file=file, line=line, seq=seq))
         if self._limits.count_refusal():
             self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))

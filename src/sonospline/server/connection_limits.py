@@ -82,7 +82,7 @@ class ConnectionLimits:
         if old is not None:
             old.timer.cancel()
         timer = asyncio.get_running_loop().call_later(seconds, self._abort, transport)
-        self._pending[transport] = _Pending(_peer(_address(transport)), timer)
+        self._pending[transport] = _Pending(peer_of(_address(transport)), timer)
         if len(self._pending) > self.most:
             self._drop_one()
 
@@ -135,7 +135,7 @@ def _key(address: Any) -> Any:
     return tuple(address[:2]) if address else None
 
 
-def _peer(address: Any) -> str:
+def peer_of(address: Any) -> str:
     """Who that is: a host, or the network of an IPv6 host, who has many addresses."""
     if not address:
         return ""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Any
+from typing import Any, Protocol
 
-from .connection import GOING_AWAY, POLICY, Connection, Verdict
+from .connection import GOING_AWAY, POLICY, Verdict
 from .outbox import Outbox
 
 logger = logging.getLogger(__name__)
@@ -18,8 +18,23 @@ _IDLE_CHECK_S = 1.0
 _SOCKET_CHECK_S = 0.5
 
 
+class Speaker(Protocol):
+    """Whoever answers on a WebSocket."""
+
+    verdict: asyncio.Future[Verdict]
+
+    def take(self, text: str | None) -> None:
+        """Do what a message says, or refuse it."""
+
+    def idle_s(self) -> float:
+        """Return how long ago the client last asked for something."""
+
+    def end(self, verdict: Verdict) -> None:
+        """Have the client hung up on."""
+
+
 async def converse(
-    websocket: Any, connection: Connection, outbox: Outbox, transport: asyncio.Transport | None, *, idle_s: float
+    websocket: Any, connection: Speaker, outbox: Outbox, transport: asyncio.Transport | None, *, idle_s: float
 ) -> None:
     """Take, send and watch, until one of them ends or the client is to be hung up on."""
     work = [_take(websocket, connection), _send(websocket, outbox), _watch_idleness(connection, idle_s)]
@@ -48,7 +63,7 @@ def _note(end: BaseException | None) -> None:
         logger.error("a conversation failed", exc_info=end)
 
 
-async def _take(websocket: Any, connection: Connection) -> None:
+async def _take(websocket: Any, connection: Speaker) -> None:
     while True:
         event = await websocket.receive()
         if event["type"] == "websocket.disconnect":
@@ -71,7 +86,7 @@ async def _send_one(websocket: Any, message: str | bytes) -> None:
         await websocket.send_bytes(message)
 
 
-async def _watch_idleness(connection: Connection, idle_s: float) -> None:
+async def _watch_idleness(connection: Speaker, idle_s: float) -> None:
     while connection.idle_s() < idle_s:
         await asyncio.sleep(min(_IDLE_CHECK_S, idle_s))
     connection.end(Verdict(GOING_AWAY, "idle"))

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .attempt_recording import Recordings
+from ..training.attempt_recording import Recordings
 from .server_messages import Exercises, OfferedExercise, OfferedMark, Zone
 
 if TYPE_CHECKING:

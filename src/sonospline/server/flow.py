@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from . import wire
 from .client_messages import MessageError
-from .server_messages import Guide
+from .seat import Seat
+from .server_messages import EVERYTHING
 from .wire import PassSummary, ReplayedStep
 
 if TYPE_CHECKING:
@@ -22,16 +23,21 @@ if TYPE_CHECKING:
     from .stage import Stage
 
 MESH_HZ = 15.0
-EVERYTHING: frozenset[Guide] = frozenset(get_args(Guide))
 
 
 class FrameFlow:
     """Encodes frames, no more than a page draws, with mesh positions where the tissue moved.
 
     Frames are encoded in the session's thread; the rest happens in the socket's loop.
+
+    Parameters
+    ----------
+    seat : Seat, optional
+        Who sees them, too.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, seat: Seat | None = None) -> None:
+        self._seat = Seat() if seat is None else seat
         self._flying: deque[int] = deque()
         self._frames = self._of_older_scenes = 0
         self._grid_wanted, self._ahead = False, 1
@@ -71,6 +77,7 @@ class FrameFlow:
 
     def encode(self, stage: Stage, shown: ConsoleFrame, stamp: Stamp) -> bytes:
         """Return the message of a picture."""
+        self._seat.saw(shown, None)
         positions = self._positions(stage.console.scene, shown)
         self._frames += 1
         self._flying.append(self._frames)
@@ -82,6 +89,7 @@ class FrameFlow:
 
     def encode_replayed(self, shown: ConsoleFrame, replay: ReplayedStep, *, passes: int) -> bytes:
         """Return the message of a picture of a recording, with everything that was hidden while it was made."""
+        self._seat.saw(shown, replay)
         self._frames += 1
         self._flying.append(self._frames)
         summary = PassSummary(time_s=replay.time_s, passes=passes, path_mm=None, blind_mm=None)

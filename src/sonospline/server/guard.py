@@ -107,7 +107,7 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and not _same_site(origin, headers.get("host", "")):
             return f"Origin {origin[:80]!r} is not this page; open {self._public_address}"
-        if self.token is not None and not _equal(token or "", self.token):
+        if self.token is not None and not same_token(token or "", self.token):
             return "the token is missing or wrong; open the address the server printed at its start"
         return None
 
@@ -116,7 +116,7 @@ class Guard:
         return self.address.partition("?")[0]
 
 
-def _equal(given: str, token: str) -> bool:
+def same_token(given: str, token: str) -> bool:
     """Compare in a time that tells nothing; what a request holds may be no text at all."""
     return hmac.compare_digest(given.encode(errors="surrogatepass"), token.encode())
 

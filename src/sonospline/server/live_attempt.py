@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..training.attempt import Attempt
+from ..training.attempt_recording import AttemptRecording
 from ..training.exercise import Exercise, Guide
-from .attempt_recording import AttemptRecording
 from .practice import PassMeter
 from .wire import PassSummary
 
@@ -41,6 +42,8 @@ class LiveAttempt:
         """What happened, with the session's time."""
         self.on_end: Callable[[], Any] = lambda: None
         """Called in the stepping thread when the attempt is over."""
+        self.on_result: Callable[[LiveAttempt], Any] | None = None
+        """Called as it ends in any way; one that is left counts as given up."""
         self._heard = 0
         self._meter = PassMeter()
         self.attempt = Attempt(exercise, scene, seed=seed, on_frame=self._take)
@@ -105,7 +108,13 @@ class LiveAttempt:
 
     def summary(self, frame: ConsoleFrame) -> PassSummary:
         """Return what a page says of the attempt; numbers of the tip only where these may be shown."""
-        path, blind = self._meter.found(frame.time_s) if "numbers" in self.guides else (None, None)
+        if "numbers" in self.guides:
+            return self.measured(frame)
+        return PassSummary(time_s=frame.time_s, passes=frame.metrics.passes, path_mm=None, blind_mm=None)
+
+    def measured(self, frame: ConsoleFrame) -> PassSummary:
+        """Return all that is known of the attempt."""
+        path, blind = self._meter.found(frame.time_s)
         return PassSummary(time_s=frame.time_s, passes=frame.metrics.passes, path_mm=path, blind_mm=blind)
 
     def pause(self) -> None:
@@ -113,7 +122,11 @@ class LiveAttempt:
         self.console.pause()
 
     def close(self) -> None:
-        """End what is written down; nobody goes on with it."""
+        """End it and what is written down; nobody goes on with it."""
+        if self.on_result is not None and not self.over:
+            with contextlib.suppress(ValueError):  # nothing has happened in it
+                self.attempt.give_up()
+                self._end()
         self.recording.close()
 
     def _finish(self, say: Callable[[], object]) -> None:
@@ -123,6 +136,8 @@ class LiveAttempt:
 
     def _end(self) -> None:
         self.recording.close()
+        if self.on_result is not None:
+            self.on_result(self)
         self.on_end()
 
     def _take(self, frame: ConsoleFrame) -> None:

@@ -79,12 +79,12 @@ class Practice:
         Its own from now on.
     """
 
-    guides: frozenset[Guide] = ALL_GUIDES
-    """What may be shown beside the image: all."""
     exercise = None
     over = False
 
     def __init__(self, console: Console) -> None:
+        self.guides: frozenset[Guide] = ALL_GUIDES
+        """What may be shown beside the image."""
         self.console = console
         self._meter = PassMeter()
 
@@ -125,6 +125,10 @@ class Practice:
 
     def summary(self, frame: ConsoleFrame) -> PassSummary:
         """Return what a page says of the pass."""
+        return self.measured(frame)
+
+    def measured(self, frame: ConsoleFrame) -> PassSummary:
+        """Return what is known of the pass."""
         path, blind = self._meter.found(frame.time_s)
         return PassSummary(time_s=frame.metrics.time_s, passes=frame.metrics.passes, path_mm=path, blind_mm=blind)
 

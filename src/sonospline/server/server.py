@@ -26,6 +26,7 @@ from .outbox import Outbox
 from .protocols import http_protocol, websocket_protocol
 from .scene_catalog import SceneCatalog
 from .schema import protocol_schema
+from .seat import Seat
 from .session_pool import SessionPool, new_key
 
 logger = logging.getLogger(__name__)
@@ -153,12 +154,21 @@ class Server:
             Route("/api/scene-schema.json", schema),
             Route("/api/protocol-schema.json", protocol),
             Route("/healthz", health),
+            *self.more_routes(),
         ]
         if (PAGE / "index.html").is_file():
             routes.append(Mount("/", StaticFiles(directory=PAGE, html=True)))
         else:
             routes.append(Route("/", no_page))
         return Starlette(routes=routes, lifespan=self._life)
+
+    def more_routes(self) -> list[Any]:
+        """Return what else is served, before the page."""
+        return []
+
+    def seat(self, asked: str, key: str) -> Seat | str:
+        """Return the seat for a page that asks for one by name or has a session's key, or why there is none."""
+        return Seat()
 
     @asynccontextmanager
     async def _life(self, app: Any) -> AsyncIterator[None]:
@@ -182,13 +192,19 @@ class Server:
         """Serve one WebSocket that the guard let in."""
         await websocket.accept()
         key = websocket.query_params.get("session", "")
+        seat = self.seat(websocket.query_params.get("station", ""), key)
+        if isinstance(seat, str):
+            await websocket.close(TOO_MANY, seat)
+            return
         kept = await self._reclaim(key)
         if self.pool.full:
             await websocket.close(TOO_MANY, self._too_many)
             return
         transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
-        connection = Connection(self.catalog, outbox, new_key() if kept is None else key, watch=self._watch)
+        connection = Connection(
+            self.catalog, outbox, new_key() if kept is None else key, watch=self._watch, seat=seat
+        )  # fmt: skip
         self.pool.add(connection.key, connection)
         try:
             connection.open(kept)
@@ -205,6 +221,7 @@ class Server:
             kept = await connection.close()
         finally:
             self.pool.remove(connection.key, kept)
+            connection.seat.leave(connection)
             connection.left.set()
 
     async def _reclaim(self, key: str) -> Kept | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from msgspec import Struct
 
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..ultrasound.probe import Probe
 
-PROTOCOL: Literal[4] = 4
+PROTOCOL: Literal[5] = 5
 
 Vector = tuple[float, float, float]
 Guide = Literal["path", "target", "tip", "numbers", "3-D view"]
 """What may be shown beside the image, as exercises call it."""
+EVERYTHING: frozenset[Guide] = frozenset(get_args(Guide))
 
 
 class ServerMessage(Struct, frozen=True, tag=snake_case):
@@ -38,7 +39,7 @@ class Hello(ServerMessage, frozen=True, kw_only=True):
     """The first message."""
 
     version: str
-    protocol: Literal[4]
+    protocol: Literal[5]
     scenes: tuple[OfferedScene, ...]
     session: str
     """The key with which a page comes back to its session."""
@@ -175,6 +176,8 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
     target: str
     attempt: RunningAttempt | None
     """None in free practice."""
+    guides: tuple[Guide, ...]
+    """What may be shown beside the image."""
     breathes: bool
     """Whether its file says how breathing moves it."""
     flows: bool
@@ -189,11 +192,12 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
 
     @classmethod
     def of(
-        cls, id: str, console: Console, state: Command, start: Command, attempt: RunningAttempt | None = None
-    ) -> SceneMessage:
+        cls, id: str, console: Console, state: Command, start: Command, guides: frozenset[Guide],
+        attempt: RunningAttempt | None = None,
+    ) -> SceneMessage:  # fmt: skip
         """Return what is to be said of the scene that a page works on."""
         scene, spec = console.scene, console.scene.spec
-        shown = attempt is None
+        shown = attempt is None and "target" in guides
         right, depth, out, origin = (
             tuple(v.tolist()) for v in (scene.frame.right, scene.frame.depth, scene.frame.out, scene.frame.origin)
         )
@@ -208,7 +212,7 @@ class SceneMessage(ServerMessage, frozen=True, kw_only=True, tag="scene"):
                 OfferedTarget(id=name, name=name.capitalize(), at=tuple(at.tolist()) if shown else None)
                 for name, at in scene.targets.items()
             ),
-            attempt=attempt,
+            attempt=attempt, guides=tuple(sorted(guides)),
             target=console.session.target, breathes=spec.breathing is not None, flows=scene.flows,
             tolerance_mm=spec.display.tolerance_mm, knobs=scene.knobs.all, state=state,
             start=start,
@@ -322,7 +326,32 @@ class Debrief(ServerMessage, frozen=True, kw_only=True):
     """Why there is none, or why frames may differ; empty where all is well."""
 
 
-Said = Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Exercises | Debrief | Refused | Notice | Pong
+class Comment(Struct, frozen=True, kw_only=True):
+    """What the trainer says of a moment of an attempt."""
+
+    time_s: float
+    text: str
+
+
+class StationMessage(ServerMessage, frozen=True, kw_only=True, tag="station"):
+    """In a lab: which station this is, who sits there, and what the trainer has set."""
+
+    name: str
+    participant: str | None
+    exercise: str | None
+    """Id of the one that is to be done; None leaves the choice."""
+    guides_locked: bool
+    models_locked: bool
+    said: str
+    """By the trainer, for whoever sits there."""
+    comments: tuple[Comment, ...]
+    """On the attempt that is talked about, in the order of their times."""
+
+
+Said = (
+    Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Exercises | Debrief | StationMessage | Refused
+    | Notice | Pong
+)  # fmt: skip
 
 
 def _offered(name: str) -> OfferedModel:

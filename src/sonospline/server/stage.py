@@ -57,6 +57,9 @@ class Stage(Protocol):
     def summary(self, frame: ConsoleFrame) -> PassSummary:
         """Return what a page says of the pass."""
 
+    def measured(self, frame: ConsoleFrame) -> PassSummary:
+        """Return what is known of the pass, shown or not."""
+
     def pause(self) -> None:
         """Let nothing happen until the next step."""
 

@@ -146,7 +146,7 @@ def geometry(scene: Scene) -> bytes:
     for mesh in scene.meshes:
         parts += [mesh.points.astype("<f4"), mesh.indices.astype("<u4")]
     header = GeometryHeader(meshes=tuple(map(_mesh, scene.meshes)))
-    return _message(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
+    return binary(GEOMETRY, header, b"".join(part.tobytes() for part in parts))
 
 
 def frame(shown: ConsoleFrame, *, number: int, seq: int, guides: frozenset[Guide], summary: PassSummary,
@@ -177,7 +177,7 @@ def frame(shown: ConsoleFrame, *, number: int, seq: int, guides: frozenset[Guide
     tail = b"" if positions is None else positions.astype("<f4", copy=False).tobytes()
     if shown.image.colour is not None:
         tail += shown.image.colour.levels.tobytes()
-    return _message(FRAME, header, pixels.tobytes() + padding + tail)
+    return binary(FRAME, header, pixels.tobytes() + padding + tail)
 
 
 def read(message: bytes) -> tuple[int, dict[str, Any], memoryview]:
@@ -197,7 +197,8 @@ def text(message: Struct) -> str:
     return json.dumps(to_builtins(message), separators=(",", ":"), allow_nan=False)
 
 
-def _message(kind: int, header: Struct, payload: bytes) -> bytes:
+def binary(kind: int, header: Struct, payload: bytes) -> bytes:
+    """Return a binary message: kind, length of the header, the header as JSON, the payload."""
     head = text(header).encode()
     head += b" " * (-(8 + len(head)) % 8)
     return struct.pack("<II", kind, len(head)) + head + payload

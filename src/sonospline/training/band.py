@@ -10,6 +10,8 @@ from typing import Any
 
 import msgspec
 
+_ROUNDED = 1e-5
+"""Of a value: attempts are kept with six digits."""
 _FILE = "expert_band.json"
 
 
@@ -50,8 +52,9 @@ class Band:
         return cls(mean, deviation, min(values), max(values), n)
 
     def z(self, value: float) -> float:
-        """Return how many deviations a value is from the mean; NaN where all attempts were alike."""
-        return (value - self.mean) / self.deviation if self.deviation > 0 else math.nan
+        """Return how many deviations a value is from the mean; NaN where all attempts were alike, but for rounding."""
+        alike = self.high - self.low <= _ROUNDED * max(abs(self.low), abs(self.high))
+        return math.nan if alike else (value - self.mean) / self.deviation
 
 
 def shipped_band(exercise: str) -> dict[str, Band]:

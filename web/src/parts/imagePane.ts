@@ -49,13 +49,16 @@ export class ImagePane {
   private drawnHandle: Point | null = null;
   private aheadSince: number | null = null;
 
+  /** `readOnly`: nobody works on it, and nothing stands over it. */
   constructor(
     private readonly session: Session,
-    desk: Desk,
+    desk: Pick<Desk, "switched">,
+    private readonly readOnly = false,
   ) {
+    const worked = { role: "application", tabindex: 0, "aria-describedby": "image-keys", "aria-roledescription": "ultrasound image" };
     this.element = h(
       "section",
-      { class: "image-pane", role: "application", tabindex: 0, "aria-label": "Ultrasound image", "aria-describedby": "image-keys", "aria-roledescription": "ultrasound image" },
+      { class: "image-pane", "aria-label": "Ultrasound image", ...(readOnly ? {} : worked) },
       this.picture.canvas,
       this.marks.svg,
       this.caption,
@@ -68,7 +71,7 @@ export class ImagePane {
       this.place();
     }).observe(this.element);
     session.sceneReady.on((scene) => {
-      this.keys.textContent = keysInWords(scene);
+      if (!this.readOnly) this.keys.textContent = keysInWords(scene);
       this.place();
     });
     session.drawn.on((frame) => {
@@ -177,14 +180,14 @@ export class ImagePane {
   /** A picture as fine as the pane shows it, no finer than need be. */
   private askForPixels(): void {
     const { pixels, session } = this;
-    if (pixels && session.command && session.command.image.pixels !== pixels) session.choose({ pixels });
+    if (pixels && !this.readOnly && session.command && session.command.image.pixels !== pixels) session.choose({ pixels });
   }
 
   /** As large as can be; it gives way where the read-outs would stand over the sector. */
   private layOut(scene: Scene, raster: Raster): Mapping {
     const { layout, size } = this;
     const right = needleRight(scene);
-    const alone = this.session.reviewing || size.width < NARROW;
+    const alone = this.readOnly || this.session.reviewing || size.width < NARROW;
     const corner = readoutCorner(layout, right, alone);
     const kept = keep(layout, right, window.innerHeight > window.innerWidth, alone);
     const room = margins(layout, parallel(scene.probe), alone);

@@ -27,6 +27,8 @@ export class NoticePart {
   private readonly undo = h("button", { type: "button", class: "button" }, "Undo reset");
   private readonly close = h("button", { type: "button", class: "button" }, "Dismiss");
   readonly element = h("div", { class: "notice", hidden: true }, h("p", { class: "title" }, this.place, this.title), h("p", {}, this.text), this.undo, this.close);
+  /** What the trainer of a lab says, until it is read. */
+  private said = "";
   private fault: { message: string } | null = null;
   private caution: { message: string; until: number } | null = null;
   private blocked: { title: string; text: string; until: number } | null = null;
@@ -44,7 +46,14 @@ export class NoticePart {
       desk.restoreUntil = 0;
       session.restore();
     });
-    this.close.addEventListener("click", () => (this.fault = null));
+    this.close.addEventListener("click", () => {
+      if (this.fault) this.fault = null;
+      else this.said = "";
+    });
+    let before = "";
+    desk.trainer.stationed.on(({ said }) => {
+      if (said !== before) this.said = before = said;
+    });
     session.noticed.on(({ level, message }) => {
       if (level === "fault") this.fault = { message };
       else this.caution = { message, until: performance.now() + LINGER };
@@ -113,6 +122,7 @@ export class NoticePart {
     const { session, switches, restoreUntil } = this.desk;
     if (session.status === "lost" || session.status === "loading") return null;
     if (this.fault) return { kind: "fault", picture: "warning", title: "Fault", text: this.fault.message, close: true };
+    if (this.said) return { kind: "plain", picture: "eye", title: "Your trainer", text: this.said, close: true };
     if (session.status === "frozen") return { kind: "plain", picture: "freeze", title: "Frozen", text: "Space or Freeze to go on" };
     if (now < restoreUntil) return { kind: "plain", picture: "clockwise", title: "Reset", text: `can be undone for ${Math.ceil((restoreUntil - now) / 1000)} s`, undo: true };
     if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.title, text: this.blocked.text };

@@ -1,6 +1,7 @@
 /** Where the tip went, seen from three sides: with the target, the structures, and the needle at the chosen moment. */
 
 import { h } from "../dom";
+import { clock } from "../metrics";
 import type { Course, Geometry, MeshData, Scene } from "../protocol";
 import type { Reel } from "../reel";
 import type { Trainer } from "../trainer";
@@ -25,12 +26,14 @@ interface Shape { colour: string; opacity: number; path: (view: View) => Path2D 
 export class PathViews {
   private readonly canvases = VIEWS.map(({ name }) => h("canvas", { role: "img", "aria-label": `Path of the tip, ${name.toLowerCase()}` }));
   private readonly story = h("ul", { class: "story" });
+  private readonly comments = h("ul", { class: "comments", "aria-label": "The trainer's comments" });
   readonly element = h(
     "section",
     { class: "path-views", "aria-labelledby": "path-title" },
     h("div", { class: "panel-head" }, h("h2", { id: "path-title" }, "Path of the tip"), h("span", {}, h("i", { class: "key in-plane" }), " in plane ", h("i", { class: "key blind" }), " out of plane")),
     h("div", { class: "views" }, ...this.canvases.map((canvas, k) => h("figure", {}, canvas, h("figcaption", {}, VIEWS[k].name)))),
     this.story,
+    this.comments,
   );
   private shapes: Shape[] = [];
   private geometry: Geometry | null = null;
@@ -51,6 +54,11 @@ export class PathViews {
     });
     new ResizeObserver(() => this.draw()).observe(this.element);
     reel.moved.on(() => this.draw());
+    trainer.stationed.on(({ comments }) => {
+      this.comments.replaceChildren(
+        ...comments.map(({ time_s, text }) => h("li", {}, h("button", { type: "button", onclick: () => reel.seek(time_s) }, clock(time_s)), ` ${text}`)),
+      );
+    });
     trainer.changed.on(() => {
       const { debrief } = trainer;
       if (!debrief) return;

@@ -11,6 +11,7 @@ import { clamp } from "../vec";
 import { choose, radioKeys } from "./buttons";
 
 type Axis = "time" | "depth";
+type Mark = Pick<Happened, "time_s" | "text"> & { kind: Happened["kind"] | "comment" };
 interface Lane { name: string; unit: string; className: string; of: (course: Course) => readonly (number | null)[]; signed?: boolean; least: number; alone?: boolean }
 
 const LANES: readonly Lane[] = [
@@ -55,6 +56,7 @@ export class Timeline {
     }).observe(this.field);
     radioKeys(this.element, () => this.tabs, (k) => this.turn(k ? "depth" : "time"));
     trainer.changed.on(() => this.draw());
+    trainer.stationed.on(() => this.draw());
     reel.moved.on(() => this.place());
     const to = (event: PointerEvent) => {
       const box = this.field.getBoundingClientRect();
@@ -118,7 +120,7 @@ export class Timeline {
     });
     out.push(s("path", { class: "rule", d: `M0 ${(height - BELOW).toFixed(1)}H${width}` }), ...this.scale(course, height - 5));
     this.names.replaceChildren(...names);
-    this.words.replaceChildren(...(this.axis === "time" ? this.happened(debrief.happened, out, height - BELOW) : []));
+    this.words.replaceChildren(...(this.axis === "time" ? this.happened(this.marked(debrief.happened), out, height - BELOW) : []));
     this.svg.replaceChildren(...out);
     this.svg.setAttribute("aria-label", `${shown.map(({ name }) => name.toLowerCase()).join(", ")} against ${this.axis}`);
     this.handle.setAttribute("aria-valuemax", this.reel.end.toFixed(1));
@@ -153,7 +155,7 @@ export class Timeline {
   }
 
   private atTime(time: number): number {
-    return LEFT + ((this.size.width - LEFT - RIGHT) * time) / Math.max(this.reel.end, 1e-9);
+    return LEFT + ((this.size.width - LEFT - RIGHT) * Math.min(time, this.reel.end)) / Math.max(this.reel.end, 1e-9);
   }
 
   /** Half the slice on both sides: within it the tip is in plane. */
@@ -173,8 +175,14 @@ export class Timeline {
     });
   }
 
+  /** What happened and what the trainer says of it, in the order of their times. */
+  private marked(happened: readonly Happened[]): Mark[] {
+    const said = (this.trainer.station?.comments ?? []).map(({ time_s, text }) => ({ time_s, kind: "comment" as const, text: `“${text}”` }));
+    return [...happened, ...said].sort((a, b) => a.time_s - b.time_s);
+  }
+
   /** Names above their lines, on two lines of text; a name that finds no room is left to its line's hint. */
-  private happened(all: readonly Happened[], lines: SVGElement[], bottom: number): HTMLElement[] {
+  private happened(all: readonly Mark[], lines: SVGElement[], bottom: number): HTMLElement[] {
     const ends = [-Infinity, -Infinity];
     const out: HTMLElement[] = [];
     for (const { time_s, kind, text } of all) {

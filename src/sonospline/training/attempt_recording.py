@@ -15,9 +15,9 @@ from .._extras import MissingExtraError
 
 if TYPE_CHECKING:
     from ..simulator.simulated_frame import SimulatedFrame
-    from ..training.attempt import Attempt
-    from ..training.recorder import Recorder
-    from ..training.recording import Recording
+    from .attempt import Attempt
+    from .recorder import Recorder
+    from .recording import Recording
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class AttemptRecording:
 
     def begin(self, attempt: Attempt) -> None:
         """Make the file; where that cannot be, the attempt goes on without."""
-        from ..training.recorder import Recorder
+        from .recorder import Recorder
 
         try:
             self._recorder = Recorder(self.path, attempt.scene, about=about(attempt))
@@ -70,7 +70,7 @@ class AttemptRecording:
         """Return what was written down; None where there is nothing that can be replayed."""
         if not self.path.is_file():
             return None
-        from ..training.recording import Recording
+        from .recording import Recording
 
         try:
             return Recording.read(self.path)

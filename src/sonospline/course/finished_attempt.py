@@ -1,0 +1,67 @@
+"""An attempt at a station that is over, on its way into the results."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from ..lab.attempt_record import AttemptRecord
+from ..lab.result_store import ResultStore
+from ..training.attempt import Result
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass
+class FinishedAttempt:
+    """What is kept of an attempt, and its number once it is.
+
+    Parameters
+    ----------
+    participant : str
+        A code.
+    result : Result
+        What it came to.
+    began : datetime
+        In UTC.
+    recording : Path, optional
+        The file it was recorded in.
+    """
+
+    participant: str
+    result: Result
+    began: datetime
+    recording: Path | None = None
+    number: int | None = None
+    """In the results; None before it is kept."""
+
+    def keep(self, store: ResultStore, course: str) -> None:
+        """Write it into the results.
+
+        Raises
+        ------
+        LabDatabaseError
+            They are away or full.
+        """
+        try:
+            self.number = store.add(self.participant, self._record(), session=course)
+        except ValueError:  # sat down while the results were away
+            store.add_participant(self.participant)
+            self.number = store.add(self.participant, self._record(), session=course)
+
+    def comment(self, store: ResultStore, time_s: float, text: str) -> None:
+        """Write a comment on it, after it was kept."""
+        if self.number is not None:
+            store.add_comment(self.number, time_s, text)
+
+    def _record(self) -> AttemptRecord:
+        record = AttemptRecord.of(self.result, began=self.began)
+        if self.recording is None:
+            return record
+        try:
+            return AttemptRecord.of(self.result, began=self.began, recording=self.recording)
+        except OSError as error:
+            logger.warning("%s: %s", self.recording.name, error)
+            return replace(record, recording=None)

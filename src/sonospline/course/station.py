@@ -1,0 +1,263 @@
+"""One station of a lab: who sits there, what is worked on, and what the trainer has set."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Coroutine
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+
+from ..lab.result_store import check_code
+from ..server import client_messages as heard
+from ..server.client_messages import MessageError
+from ..server.live_attempt import LiveAttempt
+from ..server.practice import Practice
+from ..server.seat import Seat, SeatedPage
+from ..server.server_messages import EVERYTHING, Comment, Notice, Refused, StationMessage
+from ..server.wire import PassSummary, ReplayedStep
+from .finished_attempt import FinishedAttempt
+from .keeper import Say
+
+if TYPE_CHECKING:
+    from ..server.stage import Stage
+    from ..simulator.console_frame import ConsoleFrame
+
+
+class Seen(NamedTuple):
+    """The newest picture of a station's page."""
+
+    shown: ConsoleFrame
+    replay: ReplayedStep | None
+    summary: PassSummary
+    frame: int
+
+
+class Watcher(Protocol):
+    """A trainer's page that watches a station."""
+
+    def show_scene(self, name: str, stage: Stage) -> None:
+        """Something is worked on from now on."""
+
+    def show(self, seen: Seen) -> None:
+        """A picture is on its way; in the thread that made it."""
+
+
+class Office(Protocol):
+    """Who knows participants and keeps results, for all stations."""
+
+    keeps_recordings: bool
+
+    def title(self, exercise: str) -> str:
+        """Return what an exercise on offer is called."""
+
+    def seat_of(self, code: str) -> Seat | None:
+        """Return where a participant sits now."""
+
+    async def why_unknown(self, code: str) -> str | None:
+        """Return why nobody has a code; None where somebody has."""
+
+    def keep(self, finished: FinishedAttempt, say: Say) -> None:
+        """Have an attempt kept; in any thread."""
+
+    def keep_comment(self, finished: FinishedAttempt, time_s: float, text: str, say: Say) -> None:
+        """Have a comment kept, after its attempt."""
+
+
+class Station(Seat):
+    """A station; its page is a connection as any other.
+
+    Everything happens in the socket's loop, but for :meth:`saw` and the end of an attempt.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    office : Office
+        Of the course it belongs to.
+    """
+
+    def __init__(self, name: str, office: Office) -> None:
+        self.name, self._office = name, office
+        self.connection: SeatedPage | None = None
+        self.key = ""
+        """Of the session of its page."""
+        self.participant: str | None = None
+        self.exercise_set: str | None = None
+        self.models_locked = False
+        self.said = ""
+        self.working: tuple[str, Stage] | None = None
+        """What is worked on, with the id of its scene or exercise."""
+        self.seen: Seen | None = None
+        self.finished: FinishedAttempt | None = None
+        """The attempt that is over."""
+        self.comments: list[Comment] = []
+        """On the attempt that runs or is over."""
+        self.watchers: frozenset[Watcher] = frozenset()
+        self._began = datetime.now(UTC)
+        self._ending = threading.Lock()  # a comment comes before the attempt's end, or after it
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    @property
+    def guides_locked(self) -> bool:
+        """Whether free practice goes without guides."""
+        return not self.guides
+
+    @property
+    def attempt(self) -> LiveAttempt | None:
+        """The attempt that runs, or is talked about."""
+        stage = None if self.working is None else self.working[1]
+        return cast(LiveAttempt, stage) if stage is not None and stage.exercise is not None else None
+
+    def take(self, page: SeatedPage) -> None:
+        """A page has come: another one than before is somebody else's."""
+        if page.key != self.key:
+            self.participant, self.said, self.working, self.seen = None, "", None, None
+        self.connection, self.key = page, page.key
+        self.tell()
+
+    def leave(self, page: SeatedPage) -> None:
+        """It has gone; it may come back."""
+        if self.connection is page:
+            self.connection = None
+
+    def refusal(self, message: heard.Message) -> str | None:
+        """What the trainer has set is not changed by who sits there."""
+        match message:
+            case heard.BeginAttempt() if self.participant is None:
+                return "comes before anybody has sat down; enter your code"
+            case heard.BeginAttempt() if self.exercise_set not in (None, message.exercise):
+                return f"is not what the trainer has set; begin {self._title(self.exercise_set)}"
+            case heard.ChooseScene() | heard.OpenScene() if self.exercise_set is not None:
+                return f"is not what the trainer has set; begin {self._title(self.exercise_set)}"
+            case heard.ChooseModel() if self.models_locked:
+                return "is locked by the trainer"
+        return None
+
+    def sit_down(self, participant: str | None) -> None:
+        """Let somebody sit down whose code is known, and who sits nowhere else."""
+        if self.attempt is not None and not self.attempt.over:
+            raise MessageError("sit_down", "comes while an exercise runs; end it first")
+        if participant is None:
+            self.participant = None
+            self.tell()
+            return
+        try:
+            code = check_code(participant)
+        except ValueError as error:
+            raise MessageError("sit_down", str(error)) from None
+        self._begin(self._seat(code))
+
+    def set_exercise(self, exercise: str | None) -> None:
+        """Have an exercise done, once what runs is over; None leaves the choice."""
+        self.exercise_set = exercise
+        self.tell()
+
+    def lock(self, what: str, on: bool) -> None:
+        """Keep guides off in free practice, or the model as it is."""
+        if what == "models":
+            self.models_locked = on
+        elif on != self.guides_locked:
+            self.guides = frozenset() if on else EVERYTHING
+            if self.connection is not None and self.working is not None and self.attempt is None:
+                self._begin(self.connection.begin_again())
+        self.tell()
+
+    def say(self, text: str) -> None:
+        """Show a line to whoever sits there."""
+        self.said = text.strip()
+        self.tell()
+
+    def comment(self, time_s: float, text: str) -> None:
+        """Say something of a moment of the attempt."""
+        if self.attempt is None:
+            raise MessageError("comment_on", f"comes while no exercise is done at {self.name}; set one")
+        with self._ending:
+            self.comments = sorted([*self.comments, Comment(time_s=time_s, text=text)], key=lambda one: one.time_s)
+            if self.finished is not None:
+                self._office.keep_comment(self.finished, time_s, text, self._report)
+        if self.attempt.over:
+            self.tell()
+
+    def tell(self) -> None:
+        """Say to the page how its station stands; comments come with the debrief."""
+        if self.connection is None:
+            return
+        over = self.attempt is not None and self.attempt.over
+        self.connection.sender.say(
+            StationMessage(
+                name=self.name, participant=self.participant, exercise=self.exercise_set,
+                guides_locked=self.guides_locked, models_locked=self.models_locked, said=self.said,
+                comments=tuple(self.comments) if over else (),
+            )
+        )  # fmt: skip
+
+    def began(self, name: str, stage: Stage) -> None:
+        """Something is worked on from now on; it may be what was worked on before."""
+        before = None if self.working is None else self.working[1]
+        self.working = name, stage
+        if stage is not before:
+            self.seen, self.finished, self.comments, self._began = None, None, [], datetime.now(UTC)
+        attempt = self.attempt
+        if attempt is None:
+            cast(Practice, stage).guides = self.guides
+        elif attempt.on_result is None:
+            participant, began = self.participant or "", self._began
+            attempt.on_result = lambda ended: self._keep(ended, participant, began)
+        for watcher in self.watchers:
+            watcher.show_scene(name, stage)
+
+    def saw(self, shown: ConsoleFrame, replay: ReplayedStep | None) -> None:
+        """A picture is on its way to the page; in the thread that made it."""
+        if self.working is None:
+            return
+        frame = 1 if self.seen is None else self.seen.frame + 1
+        if replay is None:
+            summary = self.working[1].measured(shown)
+        else:
+            summary = PassSummary(time_s=replay.time_s, passes=shown.metrics.passes, path_mm=None, blind_mm=None)
+        self.seen = seen = Seen(shown, replay, summary, frame)
+        for watcher in self.watchers:
+            watcher.show(seen)
+
+    async def _seat(self, code: str) -> None:
+        """Ask the results who that is, and let him or her sit down."""
+        problem = await self._office.why_unknown(code)
+        if problem is None and self._office.seat_of(code) not in (None, self):
+            problem = f"code = {code!r} sits at another station; give your own"
+        if problem is None:
+            self.participant = code
+            self.tell()
+        elif self.connection is not None:
+            self.connection.sender.say(Refused(what="sit_down", message=problem))
+
+    def _keep(self, ended: LiveAttempt, participant: str, began: datetime) -> None:
+        """Have the result of an attempt kept; in the thread that stepped it."""
+        result = ended.attempt.result
+        if result is None:
+            return
+        recording = ended.recording
+        path = recording.path if self._office.keeps_recordings and not recording.problem else None
+        finished = FinishedAttempt(participant, result, began, path)
+        self._office.keep(finished, self._report)
+        if self.attempt is not ended:
+            return
+        with self._ending:
+            self.finished = finished
+            for comment in self.comments:
+                self._office.keep_comment(finished, comment.time_s, comment.text, self._report)
+        if self.connection is not None:
+            self.connection.sender.call(lambda _: self.tell(), None)
+
+    def _report(self, line: str) -> None:
+        connection = self.connection
+        if connection is not None:
+            connection.sender.say_from_thread(Notice(level="fault", message=line))
+
+    def _title(self, exercise: str | None) -> str:
+        return "" if exercise is None else self._office.title(exercise)
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,240 @@
+"""One trainer's page on one WebSocket: what it says, heeded or refused, and what it is shown."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Coroutine, Iterator
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from ..lab.database import LabDatabaseError
+from ..server import wire
+from ..server.client_messages import Drawn, MessageError, Ping
+from ..server.connection import POLICY, Verdict
+from ..server.outbox import Outbox
+from ..server.rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
+from ..server.sender import Sender
+from ..server.server_messages import EVERYTHING, ModelMessage, Pong, Refused, SceneMessage, TargetMessage
+from . import trainer_messages as heard
+from .course import Course
+from .station import Seen, Station
+from .station_state import state_of
+from .thumb import thumb
+
+if TYPE_CHECKING:
+    from ..server.stage import Stage
+
+_LOOK_S = 0.25
+"""Between two looks at the stations."""
+_THUMBS = 4
+"""Looks between two rounds of small pictures."""
+_AHEAD = 2
+"""Pictures on their way to a page that has not drawn them yet."""
+
+
+class TrainerConnection:
+    """What stands between a trainer's page and the stations.
+
+    Parameters
+    ----------
+    course : Course
+        The stations.
+    outbox : Outbox
+        Where messages to the page go.
+    address : str
+        Where pages of trainees are.
+    results : str
+        What the database is called.
+    """
+
+    def __init__(self, course: Course, outbox: Outbox, *, address: str, results: str) -> None:
+        self._course, self._address, self._results = course, address, results
+        self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
+        self._limits = RateLimits()
+        self._watched: Station | None = None
+        self._flying: deque[int] = deque()
+        self._frames = 0
+        self._seen: Seen | None = None
+        self._showing = threading.Lock()
+        self._named: tuple[str, str] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.verdict: asyncio.Future[Verdict] = asyncio.get_running_loop().create_future()
+        """Set when the page is to be hung up on."""
+
+    def open(self) -> None:
+        """Greet the page, and go on telling how the stations stand."""
+        self._sender.say(
+            heard.LabHello(
+                version=version("sonospline"), address=self._address, results=self._results, course=self._course.name,
+                exercises=self._course.exercises,
+            )
+        )  # fmt: skip
+        self._begin(self._look())
+
+    async def close(self) -> None:
+        """Watch nothing any more."""
+        self._watch(None)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def end(self, verdict: Verdict) -> None:
+        """Have the page hung up on."""
+        if not self.verdict.done():
+            self.verdict.set_result(verdict)
+
+    def idle_s(self) -> float:
+        """A trainer may look on for as long as the lab is open."""
+        return 0.0
+
+    def take(self, text: str | None) -> None:
+        """Do what a message says, or refuse it."""
+        try:
+            self._limits.count_message()
+            if text is None:
+                raise MessageError("message", "is binary; send JSON text")
+            self._do(heard.parse(text))
+        except MessageError as error:
+            self._refuse(error.what, str(error))
+
+    def _do(self, message: heard.Message) -> None:
+        match message:
+            case Drawn():
+                self._drawn(message.frame)
+            case Ping():
+                self._sender.say(Pong())
+            case heard.WatchStation():
+                self._watch(None if message.station is None else self._station("watch_station", message.station))
+            case heard.SetExercise():
+                self._set_exercise(message)
+            case heard.LockStation():
+                for station in self._stations("lock_station", message.station):
+                    station.lock(message.what, message.on)
+            case heard.SayToStation():
+                for station in self._stations("say_to_station", message.station):
+                    station.say(message.text)
+            case heard.CommentOn():
+                if not message.text.strip():
+                    raise MessageError("comment_on", "text is empty; write a line")
+                self._station("comment_on", message.station).comment(message.time_s, message.text.strip())
+            case heard.AddParticipants():
+                self._begin(self._add(message))
+            case heard.ListResults():
+                self._begin(self._tell_results(message))
+
+    def show_scene(self, name: str, stage: Stage) -> None:
+        """Something is worked on from now on at the station that is watched."""
+        self._named = None
+        self._flying.clear()
+        console = stage.console
+        self._sender.say(SceneMessage.of(name, console, stage.command, stage.start, EVERYTHING))
+
+    def show(self, seen: Seen) -> None:
+        """Send a picture of the station that is watched, where the page has drawn those before; in any thread."""
+        with self._showing:
+            if len(self._flying) >= _AHEAD or seen is self._seen:
+                return
+            self._frames += 1
+            number, self._seen = self._frames, seen
+            self._flying.append(number)
+        shown = seen.shown
+        picture = wire.frame(
+            shown, number=number, seq=0, guides=EVERYTHING, summary=seen.summary, replay=seen.replay
+        )  # fmt: skip
+        self._sender.call(lambda _: self._send(shown.model, shown.target, picture), None)
+
+    def _drawn(self, frame: int) -> None:
+        """There is room for another picture: for the newest, where it was left out."""
+        while self._flying and self._flying[0] <= frame:
+            self._flying.popleft()
+        if self._watched is not None and self._watched.seen is not None:
+            self.show(self._watched.seen)
+
+    def _send(self, model: str, target: str, picture: bytes) -> None:
+        if (model, target) != self._named:
+            self._named = model, target
+            self._sender.say(ModelMessage(model=model))
+            self._sender.say(TargetMessage(id=target))
+        self._sender.put(picture)
+
+    def _watch(self, station: Station | None) -> None:
+        if self._watched is not None:
+            self._watched.watchers -= {self}
+        self._watched = station
+        if station is None:
+            return
+        station.watchers |= {self}
+        if station.working is not None:
+            self.show_scene(*station.working)
+        if station.seen is not None:
+            self.show(station.seen)
+
+    def _set_exercise(self, message: heard.SetExercise) -> None:
+        known = self._course.catalog.exercises.entries
+        if message.exercise is not None and message.exercise not in known:
+            names = ", ".join(known)
+            raise MessageError(
+                "set_exercise", f"exercise = {message.exercise[:40]!r} is not known; choose one of {names}"
+            )
+        for station in self._stations("set_exercise", message.station):
+            station.set_exercise(message.exercise)
+
+    def _stations(self, what: str, name: str | None) -> tuple[Station, ...]:
+        return tuple(self._course.stations.values()) if name is None else (self._station(what, name),)
+
+    def _station(self, what: str, name: str) -> Station:
+        station = self._course.stations.get(name)
+        if station is None:
+            raise MessageError(
+                what, f"station = {name[:20]!r} is not here; give one of {', '.join(self._course.stations)}"
+            )
+        return station
+
+    async def _look(self) -> None:
+        """Say how the stations stand whenever that has changed, and show small pictures of them."""
+        said, shown = None, dict.fromkeys(self._course.stations, 0)
+        looks = 0
+        while True:
+            states = tuple(state_of(station, self._course) for station in self._course.stations.values())
+            keeper = self._course.keeper
+            now = heard.Stations(stations=states, waiting=keeper.waiting, problem=keeper.problem)
+            if now != said:
+                self._sender.say(now)
+                said = now
+            if looks % _THUMBS == 0:
+                for station in self._course.stations.values():
+                    if station.seen is not None and station.seen.frame != shown[station.name]:
+                        shown[station.name] = station.seen.frame
+                        self._sender.put(thumb(station.name, station.seen.shown))
+            looks += 1
+            await asyncio.sleep(_LOOK_S)
+
+    async def _add(self, message: heard.AddParticipants) -> None:
+        with self._refusing("add_participants"):
+            await asyncio.to_thread(self._course.add_participants, message.codes, message.group)
+            await self._tell_results(heard.ListResults(today=False, exercise=None))
+
+    async def _tell_results(self, message: heard.ListResults) -> None:
+        with self._refusing("list_results"):
+            found = await asyncio.to_thread(self._course.results, today=message.today, exercise=message.exercise)
+            self._sender.say(found)
+
+    @contextlib.contextmanager
+    def _refusing(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (ValueError, LabDatabaseError) as error:
+            self._refuse(what, str(error))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _refuse(self, what: str, problem: str) -> None:
+        self._sender.say(Refused(what=what, message=problem))
+        if self._limits.count_refusal():
+            self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))
