@@ -107,6 +107,10 @@ def ultrasound():
         "texture": singles(32, 160, 2),
         "tail_level": 0.01,
         "tail_keep": 0.9,
+        "ghosts": np.abs(singles(32, 10)),
+        "unit": np.ones(160, np.float32),
+        "loudness": np.ones(160, np.float32),
+        "again": 0.1,
     }
     return recorded
 

@@ -11,7 +11,7 @@ from liver import CURVED, FLAT, LINEAR, a_field, liver_scanner
 from sonospline import _core
 from sonospline.geometry import facing
 from sonospline.geometry.volume import Volume
-from sonospline.ultrasound import AcousticTissue, Artefacts, Display, Phantom, Probe, Scanner
+from sonospline.ultrasound import AcousticTissue, Artefacts, Display, Phantom, Probe, Scanner, grating
 from sonospline.ultrasound.aim import aim
 from sonospline.ultrasound.optics import Optics
 
@@ -125,7 +125,7 @@ def test_what_swallows_sound_is_not_seen_from_inside():
     assert points[1] == pytest.approx(points[0] / 2, rel=0.1)
 
 
-@pytest.mark.parametrize("part", ["side_lobes_db", "haze_db", "tail_db"])
+@pytest.mark.parametrize("part", ["side_lobes_db", "grating_db", "haze_db", "tail_db"])
 def test_every_level_is_a_switch_and_a_number(part):
     """Off it adds nothing; 20 dB more are 20 dB more."""
     clean = liver_scanner(LINEAR).render().iq
@@ -145,6 +145,80 @@ def test_side_lobes_stand_at_their_level_in_uniform_speckle():
     power = np.abs(added[middle]) ** 2 / clean.optics.speckle_power[middle[1]]
     lost = np.abs(clean.render().iq[middle]) ** 2 / clean.optics.speckle_power[middle[1]]
     assert 10 * np.log10(power.mean() / lost.mean()) == pytest.approx(-20, abs=1)
+
+
+def test_side_lobes_are_louder_off_the_transmit_focus():
+    focused = replace(CURVED, transmit_focus_mm=30.0)
+
+    def added(defocus):
+        parts = replace(NONE, side_lobes_db=-20.0, defocus_db=defocus)
+        return liver_scanner(focused, artefacts=parts).render().iq - liver_scanner(focused).render().iq
+
+    louder = np.abs(added(6.0)).sum(axis=0) / np.abs(added(None)).sum(axis=0)
+    at = int(30 / focused.sample_mm)
+    assert louder[at] == pytest.approx(1, abs=0.02)
+    assert 1.4 < louder[-50] < 2.01
+
+
+def test_harmonic_mode_lowers_each_part_by_its_share_or_nothing():
+    lowered = Artefacts(harmonic_db=6.0).in_harmonic_mode()
+    assert (lowered.side_lobes_db, lowered.haze_db, lowered.tail_db) == (-28, -4, -33)
+    assert Artefacts(harmonic_db=None).in_harmonic_mode() == Artefacts(harmonic_db=None)
+
+
+def over_bone(degrees, multiples_db):
+    """Loudest echo over liver at the distance of a face of bone, and at twice and three times as much, dB."""
+    voxels = np.zeros((90, 30, 60), np.uint8)
+    voxels[:, :, 14:] = 1
+    tilt = np.radians(degrees)
+    depth = (np.sin(tilt), 0, np.cos(tilt))
+    pose = facing(np.array([45, 15, 13.5]) - 12 * np.array(depth), depth=depth, right=(np.cos(tilt), 0, -np.sin(tilt)))
+    probe = Probe.curvilinear(depth_mm=55, lines=64, aperture_mm=40)
+    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1, 1)), {0: OIL, 1: "bone"})
+    image = Scanner(phantom, probe, pose, display=QUIET, artefacts=replace(NONE, multiples_db=multiples_db)).render()
+    level = 20 * np.log10(image.envelope[28:36].max(axis=0) / np.sqrt(image.optics.speckle_power))
+    return [level[np.abs(probe.ranges - 12 * k) < 1].max() for k in (1, 2, 3)]
+
+
+def test_a_flat_reflector_is_seen_again_at_multiples_of_its_distance():
+    """The face and bone send it back each time: as much is lost from the second to the third as from the first."""
+    first, second, third = over_bone(0, -12.0)
+    assert 8 < first - second < 22
+    assert second - third == pytest.approx(first - second, abs=1)
+    softer = over_bone(0, -18.0)
+    assert softer[0] == first
+    assert second - softer[1] == pytest.approx(6, abs=0.2)
+    assert over_bone(20, -12.0)[1] < -60
+    assert over_bone(0, None)[1] < -60
+
+
+def lit_point(probe, depth_mm, grating_db):
+    """Beams over nothing but the tip of a short needle on the middle beam."""
+    phantom = Phantom.uniform(OIL, size_mm=(140, 30, probe.depth_mm + 8))
+    pose = facing((70, 15, 4), depth=(0, 0, 1), right=(1, 0, 0))
+    scanner = Scanner(phantom, probe, pose, display=QUIET, artefacts=replace(NONE, grating_db=grating_db))
+    return scanner.render(needle=ss.Needle((70, 15, depth_mm + 3.8), (70, 15, depth_mm + 4))).iq
+
+
+@pytest.mark.parametrize("probe", [LINEAR, CURVED], ids=lambda p: p.kind)
+def test_grating_lobes_hear_a_bright_point_from_their_angle(probe):
+    """Beside it, and further along the beam than it lies, at SIMUS's level."""
+    angle = grating.angle(probe)
+    far = 0.3 * probe.depth_mm
+    lit = lit_point(probe, far, -48.0) - lit_point(probe, far, None)
+    power = np.square(np.abs(lit))
+    line, sample = np.unravel_index(power[: probe.lines // 2].argmax(), power[: probe.lines // 2].shape)
+    x, y = np.array([0.0, far]) - probe.image_points(np.array([[0.0, line, 0.0]]))[0, :2]
+    start, ahead = probe.beam_lines(probe.lines)[line, :2], probe.beam_lines(probe.lines)[line, 2:]
+    seen = np.degrees(np.arccos((np.array([0, far]) - start) @ ahead / np.hypot(*(np.array([0, far]) - start))))
+    assert seen == pytest.approx(np.degrees(angle), abs=4)
+    assert probe.ranges[sample] == pytest.approx(np.hypot(x, y), abs=2.5)
+    peak = np.abs(lit_point(probe, far, None)).max()
+    assert 20 * np.log10(np.abs(lit).max() / peak) == pytest.approx(-48, abs=6)
+
+
+def test_a_phased_probe_has_no_grating_lobes():
+    assert grating.angle(Probe.phased()) is None
 
 
 def test_haze_lies_under_the_face_alone():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Future
 from importlib.metadata import version
 from typing import Any
 
@@ -56,10 +55,8 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         name = station.recording.start(command.attributes.get("OutputFilename", ""))
         return Outcome(f"Recording {name} started", {"OutputFilename": name})
 
-    def stop_recording(command: PlusCommand) -> Future[Outcome]:
-        return station.recording.stop(recorded)
-
-    def recorded(name: str, frames: int) -> Outcome:
+    def stop_recording(command: PlusCommand) -> Outcome:
+        name, frames = station.recording.stop()
         return Outcome(f"Recording {name} successful, {frames} frames", {"OutputFilename": name, "frames": str(frames)})
 
     def get_parameters(command: PlusCommand) -> Outcome:

@@ -1,7 +1,7 @@
 """What is heard beside the beam, as the core adds it: a second beam, wide and weak, and reverberation.
 
 The wide beam is rendered like the first, from the same tissue, needle and displacement, with a quarter of the
-lines: where scatterers stand for 18 times the volume, few of them do.
+lines: where scatterers stand for 18 times the volume, and faint surfaces are left out, few of them do.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
+from . import grating
 from .aimed import Aimed
 from .artefacts import Artefacts
+from .grating import GratingLobes
 from .optics import Optics, Scan, picture_plane
 from .phantom import Phantom
 from .probe import Probe
@@ -24,13 +26,16 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _WIDER, _THICKER, _FEWER_LINES = 6.0, 3.0, 4
-_WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS = 96, 128, 32
+_WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS, _WIDE_FAINTEST = 48, 128, 32, 20.0
 _HAZE_DB_MM_MHZ = 0.34  # fall of the haze with depth: 1.2 dB/mm at 3.5 MHz
 _FAINTEST_HAZE_DB = -60.0
 _BANDS, _BAND_MM_MHZ, _BAND_DB, _BAND_FALL_DB = 6, 3.9, 12.0, 4.5  # echoes in the lens, one under the other
 _TAIL_MM = 12.0
 _TAIL_RUN = 16
 _TAIL_DB_CM_MHZ = 0.6  # lost on the way as elsewhere
+_LOUD_DB = 20.0  # above liver at its depth: what is heard again
+MIRROR_DB = 40.0
+"""A perfect mirror over liver speckle, of such surfaces as here."""
 
 
 class ClutterInput(NamedTuple):
@@ -42,11 +47,16 @@ class ClutterInput(NamedTuple):
     texture: Floats
     tail_level: float
     tail_keep: float
+    ghosts: Floats
+    unit: Floats
+    loudness: Floats
+    again: float
 
 
 NO_CLUTTER = ClutterInput(
     np.zeros((0, 0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, 0, 2), np.float32),
-    np.zeros((0, 0, 2), np.float32), 0.0, 0.0,
+    np.zeros((0, 0, 2), np.float32), 0.0, 0.0, np.zeros((0, 0), np.float32), np.zeros(0, np.float32),
+    np.zeros(0, np.float32), 0.0,
 )  # fmt: skip
 
 
@@ -57,8 +67,12 @@ class Clutter:
         artefacts = artefacts.in_harmonic_mode() if optics.probe.harmonic else artefacts
         self.artefacts, self.optics, self._seed = artefacts, optics, seed
         self._wide: Aimed | None = None
-        if artefacts.side_lobes_db is not None:
-            beam = Optics(wide_probe(optics.probe), _WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS)
+        self._lobes: GratingLobes | None = None
+        lobes = grating.angle(optics.probe)
+        if lobes is not None and artefacts.grating_db is not None:
+            self._lobes = GratingLobes(optics.probe, wide_probe(optics.probe), _TAIL_RUN, lobes, artefacts.grating_db)
+        if artefacts.side_lobes_db is not None or self._lobes is not None:
+            beam = Optics(wide_probe(optics.probe), _WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS, _WIDE_FAINTEST)
             scan = Scan.of(beam.probe, picture_plane(beam.probe, np.eye(4), (2, 2)))  # no one sees it
             self._wide = Aimed(beam, scan, margin_mm)
 
@@ -80,16 +94,20 @@ class Clutter:
         noise: Floats,
     ) -> ClutterInput:
         """Return what the core adds to a frame."""
-        wide, scale = NO_CLUTTER[:2]
+        wide, scale, ghosts = NO_CLUTTER.wide, NO_CLUTTER.wide_scale, NO_CLUTTER.ghosts
         if self._wide is not None:
             power = self.optics.speckle_power
             self._wide.look(
                 phantom, probe_to_reference, field, largest_mm, self._seed, diffuse=False, power=power
             )  # fmt: skip
-            wide, scale = self._rendered(self._wide, field, needle, noise), self._wide_scale
+            heard = self._rendered(self._wide, field, needle, noise)
+            if self.artefacts.side_lobes_db is not None:
+                wide, scale = heard, self._wide_scale
+            if self._lobes is not None:
+                ghosts = self._lobes.heard(heard)
         level, keep = self._tail
-        texture = NO_CLUTTER.texture if level == 0 else self._texture
-        return ClutterInput(wide, scale, self._haze, texture, level, keep)
+        texture = NO_CLUTTER.texture if level == 0 and self._lobes is None else self._texture
+        return ClutterInput(wide, scale, self._haze, texture, level, keep, ghosts, *self._repeats)
 
     def _rendered(self, aimed: Aimed, field: GridField, needle: tuple[Floats, Floats], noise: Floats) -> Floats:
         probe, narrow = aimed.optics.probe, self.optics.probe
@@ -112,8 +130,30 @@ class Clutter:
         """Amplitude that brings the wide beam's speckle to its level below the narrow one's."""
         assert self._wide is not None and self.artefacts.side_lobes_db is not None
         ratio = self.optics.speckle_power / self._wide.optics.speckle_power
-        scale: Floats = (np.sqrt(ratio) * 10 ** (self.artefacts.side_lobes_db / 20)).astype(np.float32)
+        level = self.artefacts.side_lobes_db + (self.artefacts.defocus_db or 0.0) * self._off_focus
+        scale: Floats = (np.sqrt(ratio) * 10 ** (level / 20)).astype(np.float32)
         return scale
+
+    @property
+    def _off_focus(self) -> Array | float:
+        """How far samples lie off the transmit focus: 0 in it, 1 where the beam is as much wider as it can be."""
+        probe = self.optics.probe
+        if not probe.transmit_focus_mm:
+            return 0.0
+        focused = replace(probe, transmit_focus_mm=0.0).lateral_fwhm(probe.ranges)
+        off: Array = (probe.lateral_fwhm(probe.ranges) / focused - 1) / (np.sqrt(2) - 1)
+        return off
+
+    @cached_property
+    def _repeats(self) -> tuple[Floats, Floats, float]:
+        """Amplitude of liver's speckle, one over the power of what is heard again, and the face's share of it."""
+        if self.artefacts.multiples_db is None:
+            return NO_CLUTTER.unit, NO_CLUTTER.loudness, 0.0
+        probe, power = self.optics.probe, self.optics.speckle_power
+        lost = 2 * _TAIL_DB_CM_MHZ * probe.frequency_mhz * probe.ranges / 10
+        loudness = 10 ** ((lost - _LOUD_DB) / 10) / power
+        again = 10 ** ((self.artefacts.multiples_db - MIRROR_DB) / 20)
+        return np.sqrt(power).astype(np.float32), loudness.astype(np.float32), float(again)
 
     @cached_property
     def _tail(self) -> tuple[float, float]:

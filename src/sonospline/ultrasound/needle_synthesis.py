@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,7 @@ _SHADOW_LINES = 1.5
 # Of a real shaft; all set by eye.
 _COMET_COPIES, _COMET_FACTOR = 18, 0.78
 _SPECKLE, _SPECKLE_MM = 0.35, 0.9
+_LONGEST_MM = 400.0
 _GAPS_MM, _GAP_MM, _GAP_LEFT = 11.0, 1.3, 0.12  # one in so many mm, half as wide as this, with so much left
 _BEVEL_DIAMETERS = 2.4
 _BEVEL_DB, _FACE_DB = (-1.0, -3.0), 7.0  # its point and its heel; its face below the point
@@ -123,15 +126,20 @@ def _jitter(count: int, step_mm: float, seed: int) -> Array:
 
 def _uneven(count: int, step_mm: float, seed: int) -> Array:
     """Speckle and drop-outs along a shaft, from its tip back, of mean power 1."""
+    from_tip, uneven = _uneven_shaft(seed)
+    return np.interp(np.arange(count) * step_mm, from_tip, uneven)[::-1]
+
+
+@lru_cache(maxsize=4)
+def _uneven_shaft(seed: int) -> tuple[Array, Array]:
+    """Places along the longest needle, mm from its tip, and the amplitude there: what is drawn stays with the shaft."""
     from scipy.ndimage import gaussian_filter1d
 
     random = np.random.default_rng([seed, 18])
-    reach = max(count, int(400 / step_mm))  # as many as the longest needle: what is drawn stays with the shaft
-    speckle = gaussian_filter1d(random.standard_normal(reach), _SPECKLE_MM / step_mm)
-    from_tip = np.arange(reach) * step_mm
+    from_tip = np.arange(0, _LONGEST_MM, POINT_MM)
+    speckle = gaussian_filter1d(random.standard_normal(len(from_tip)), _SPECKLE_MM / POINT_MM)
     gaps = random.uniform(0, from_tip[-1], int(from_tip[-1] / _GAPS_MM))
     apart = np.abs(from_tip[:, None] - gaps).min(axis=1)
     left = 1 - (1 - _GAP_LEFT) * np.exp(-0.5 * (apart / (_GAP_MM / 2)) ** 2)
     uneven = np.exp(_SPECKLE * speckle / speckle.std()) * left
-    found: Array = (uneven / np.sqrt(np.mean(uneven**2)))[:count][::-1]
-    return found
+    return from_tip, uneven / np.sqrt(np.mean(uneven**2))

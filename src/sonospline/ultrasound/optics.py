@@ -44,6 +44,8 @@ class Optics:
     rays: int = RAYS
     ray_samples: int = RAY_SAMPLES
     points_per_beam: int = _POINTS_PER_BEAM
+    faintest: float = 1.0
+    """Echo of an interface that is left out, of what the scene leaves out anyway."""
 
     @property
     def half_sample_mm(self) -> float:
@@ -117,7 +119,7 @@ class Optics:
             float(probe.elevation_sigma(probe.elevation_focus_mm)), probe.elevation_spread, probe.elevation_focus_mm,
             ELEVATION_CUT, self._cell_mm2, probe.f_number, probe.active_aperture_mm, margin_mm,
             (per_brick / finest) ** (1 / 3), probe.sample_mm, self._points_per_mm2,
-            float(probe.lateral_sigma(0.0)) / probe.f_number,
+            float(probe.lateral_sigma(0.0)) / probe.f_number, self.faintest,
         )  # fmt: skip
         return tuple(float(number) for number in numbers)
 

@@ -149,6 +149,10 @@ class BmodePlan:
         texture: Floats,
         tail_level: float,
         tail_keep: float,
+        ghosts: Floats,
+        unit: Floats,
+        loudness: Floats,
+        again: float,
     ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint8]]:
         """Return complex beams (lines, samples, 2), their grey levels, and the picture."""
         require(numbered(values.shape[:3], 2), "values has fewer than 2 nodes along an axis, or too many")
@@ -158,7 +162,20 @@ class BmodePlan:
             shadow.shape == (2, self.lines) and len(offset_db) == self.samples,
             "shadow is not (2, lines), or offset_db not (samples)",
         )
-        require_clutter(self.lines, self.samples, wide, wide_scale, haze, texture, tail_level, tail_keep)
+        require_clutter(
+            self.lines,
+            self.samples,
+            wide,
+            wide_scale,
+            haze,
+            texture,
+            tail_level,
+            tail_keep,
+            ghosts,
+            unit,
+            loudness,
+            again,
+        )
         require(self._aimed, "aim first")
         enough = np.prod(values.shape[:3]) >= self._lattice_nodes
         require(enough, "values has fewer nodes than the aim's lattice")
@@ -166,7 +183,9 @@ class BmodePlan:
         beams = self._axial(grid) * self._gain(values, spacing, shadow, shadow_soft_mm)
         tile = noise[: 2 * self.lines * self.samples].reshape(self.lines, self.samples, 2)
         beams = self._lateral(beams) + np.float32(noise_level) * (tile[..., 0] + 1j * tile[..., 1])
-        beams = add_clutter(beams, wide, wide_scale, haze, texture, tail_level, tail_keep)
+        beams = add_clutter(
+            beams, wide, wide_scale, haze, texture, tail_level, tail_keep, ghosts, unit, loudness, again
+        )
         power = np.square(beams.real) + np.square(beams.imag)
         level = (10 * np.log10(power + 1e-30) + offset_db + range_db) * (255 / range_db)
         grey = (np.clip(level, 0, 255) + 0.5).astype(np.uint8)

@@ -131,7 +131,8 @@ class BmodePlan {
     auto render(const Array<float, -1, -1, -1, 3> &values, const std::array<double, 3> &spacing,
                 const Array<float, -1, 4> &echoes, const Table &shadow, float shadow_soft_mm, const Vector &noise,
                 float noise_level, const Vector &offset_db, float range_db, const Beams &wide, const Vector &wide_scale,
-                const Beams &haze, const Beams &texture, float tail_level, float tail_keep) {
+                const Beams &haze, const Beams &texture, float tail_level, float tail_keep, const Table &ghosts,
+                const Vector &unit, const Vector &loudness, float again) {
         const std::size_t lines = static_cast<std::size_t>(lines_), samples = static_cast<std::size_t>(samples_);
         const auto shape = lattice_of(values);
         require(sono::numbered(shape, 2), "values has fewer than 2 nodes along an axis, or too many");
@@ -146,12 +147,17 @@ class BmodePlan {
         require(texture.shape(0) == 0 || (texture.shape(0) == lines && texture.shape(1) == samples),
                 "texture is not (lines, samples, 2)");
         require(tail_level >= 0 && tail_keep >= 0 && tail_keep < 1, "tail_level is below 0, or tail_keep not 0 to 1");
+        require(ghosts.shape(0) == 0 || (ghosts.shape(0) == lines && ghosts.shape(1) == samples / sono::kTailRun),
+                "ghosts is not (lines, samples / 16)");
+        require(again == 0 || (again > 0 && unit.shape(0) == samples && loudness.shape(0) == samples),
+                "again is below 0, or unit or loudness not (samples)");
         const sono::FrameInput in{{values.data(), shape, spacing, 1},
                                   echoes.data(), echoes.shape(0), shadow.data(), shadow_soft_mm,
                                   noise.data(), noise_level, offset_db.data(), range_db,
                                   {wide.data(), wide.shape(0), wide_scale.data(), haze.data(),
                                    haze.shape(0) ? haze.shape(1) : 0, texture.shape(0) ? texture.data() : nullptr,
-                                   tail_level, tail_keep}};
+                                   tail_level, tail_keep, ghosts.shape(0) ? ghosts.data() : nullptr, unit.data(),
+                                   loudness.data(), again}};
         auto iq = new_array<float, 3>({lines, samples, 2});
         auto grey = new_array<std::uint8_t, 2>({lines, samples});
         auto picture = new_array<std::uint8_t, 2>({pixel_.shape(0), pixel_.shape(1)});
@@ -232,5 +238,5 @@ void bind_bmode(nb::module_ &m) {
              "surface_starts"_a, "surfaces"_a, "surface_width"_a)
         .def("render", &BmodePlan::render, "values"_a, "spacing"_a, "echoes"_a, "shadow"_a, "shadow_soft_mm"_a,
              "noise"_a, "noise_level"_a, "offset_db"_a, "range_db"_a, "wide"_a, "wide_scale"_a, "haze"_a, "texture"_a,
-             "tail_level"_a, "tail_keep"_a);
+             "tail_level"_a, "tail_keep"_a, "ghosts"_a, "unit"_a, "loudness"_a, "again"_a);
 }

@@ -68,12 +68,9 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
             const std::size_t last = std::min(aim.cells.count, first + kCellsPerBlock);
             kernels().echo->place(probe_.beam, aim.cells, in.field.values, spacing, first, last, polynomials_.data(),
                                   spans_.data());
-            if (turns) {
-                const std::int32_t from = aim.cells.starts[first], to = aim.cells.starts[last];
-                std::copy(aim.cells.amplitude + from, aim.cells.amplitude + to, amplitude_.data() + from);
-                kernels().echo->reflect(probe_.beam, aim.cells, aim.surfaces, polynomials_.data(), first, last,
-                                        amplitude_.data());
-            }
+            if (turns)
+                kernels().echo->reflect(probe_.beam, aim.cells, aim.surfaces, polynomials_.data(), spans_.data(), first,
+                                        last, amplitude_.data());
         } else if (phase == 1) {
             strip(aim, in, number);
         } else if (phase == 2) {
@@ -212,6 +209,7 @@ void BmodeRenderer::add_clutter(const Clutter &clutter, int number, float *iq) c
     const BmodeKernels &kernel = *kernels().bmode;
     const std::size_t samples = static_cast<std::size_t>(probe_.beam.samples), row = 2 * samples;
     const auto line = static_cast<std::size_t>(number);
+    if (clutter.again > 0) kernel.repeat(clutter.unit, clutter.loudness, clutter.again, samples, iq);
     if (clutter.wide_lines) {
         const float at = static_cast<float>(number) * static_cast<float>(clutter.wide_lines - 1) /
                          static_cast<float>(probe_.beam.lines - 1);
@@ -219,7 +217,9 @@ void BmodeRenderer::add_clutter(const Clutter &clutter, int number, float *iq) c
         const float *wide = clutter.wide + low * row;
         kernel.widen(wide, wide + row, at - static_cast<float>(low), clutter.wide_scale, samples, iq);
     }
-    if (clutter.texture) kernel.tail(clutter.texture + line * row, clutter.tail_level, clutter.tail_keep, samples, iq);
+    const float *ghosts = clutter.ghosts ? clutter.ghosts + line * (samples / kTailRun) : nullptr;
+    if (clutter.texture)
+        kernel.tail(clutter.texture + line * row, clutter.tail_level, clutter.tail_keep, ghosts, samples, iq);
     const float *haze = clutter.haze + 2 * line * clutter.haze_samples;
     for (std::size_t i = 0; i < 2 * clutter.haze_samples; ++i) iq[i] += haze[i];
 }

@@ -49,6 +49,10 @@ struct Clutter {
     std::size_t haze_samples;
     const float *texture;     // (lines, samples, 2) what reverberation sounds like; null without it
     float tail_level, tail_keep;
+    const float *ghosts;      // (lines, samples / kTailRun) power of grating lobes; null without them
+    const float *unit;        // (samples) amplitude of liver's speckle
+    const float *loudness;    // (samples) times power: above 1 where an echo is heard again
+    float again;              // what the face sends back, where amplitudes count in `unit`; 0 for nothing
 };
 
 struct FrameInput {

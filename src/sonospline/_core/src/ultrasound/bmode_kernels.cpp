@@ -1,4 +1,5 @@
 // Compiled once per instruction set (SONO_ISA names it), like common/kernels.cpp: from echoes to grey pixels.
+#include <algorithm>
 #include <cmath>
 
 #include "ultrasound/bmode_kernels.hpp"
@@ -80,19 +81,69 @@ void widen(const float *low, const float *high, float of_high, const float *scal
         for (std::size_t k = 2 * n; k < 2 * n + 2; ++k) out[k] += scale[n] * (low[k] + of_high * (high[k] - low[k]));
 }
 
-void tail(const float *texture, float level, float keep, std::size_t samples, float *out) {
+inline float sum_of(VecF v) {
+    float sum = 0;
+    for (int i = 0; i < kWidth; ++i) sum += v[i];
+    return sum;
+}
+
+void tail(const float *texture, float level, float keep, const float *more, std::size_t samples, float *out) {
     float fed = 0, from = 0;
+    VecF ramp[2 * kTailRun / kWidth];  // twice 0, 1, 2 ...
+    for (int k = 0; k < 2 * kTailRun; ++k) ramp[k / kWidth][k % kWidth] = static_cast<float>(k / 2);
     for (std::size_t run = 0; run < samples; run += kTailRun) {
         float *s = out + 2 * run;
-        float power = 0;
-        for (int k = 0; k < 2 * kTailRun; ++k) power += s[k] * s[k];
-        fed = keep * fed + power / kTailRun;
-        const float to = std::sqrt(level * fed), slope = (to - from) / kTailRun;
-        for (int n = 0; n < kTailRun; ++n)
-            for (int k = 2 * n; k < 2 * n + 2; ++k)
-                s[k] += (from + slope * static_cast<float>(n)) * texture[2 * run + static_cast<std::size_t>(k)];
+        VecF power = {};
+        for (int k = 0; k < 2 * kTailRun; k += kWidth) power += load(s + k) * load(s + k);
+        fed = keep * fed + sum_of(power) / kTailRun;
+        const float to = std::sqrt(level * fed + (more ? more[run / kTailRun] : 0)), slope = (to - from) / kTailRun;
+        for (int k = 0; k < 2 * kTailRun; k += kWidth)
+            store(s + k, load(s + k) + (slope * ramp[k / kWidth] + from) * load(texture + 2 * run + k));
         from = to;
     }
+}
+
+// Where a run's largest echo is, and how far over what is strong.
+struct Peak {
+    std::size_t at;
+    float over;
+};
+
+Peak largest(const float *s, const float *loudness, std::size_t first) {
+    VecF most = {};
+    for (std::size_t k = 2 * first; k < 2 * (first + kTailRun); k += kWidth) {
+        const VecF size = load(s + k) * load(s + k);
+        most = size > most ? size : most;
+    }
+    float bound = 0;
+    for (int i = 0; i < kWidth; ++i) bound = std::max(bound, most[i]);
+    Peak found{first, 0};
+    if (2 * bound * std::max(loudness[first], loudness[first + kTailRun - 1]) <= 1) return found;  // no strong one
+    for (std::size_t n = first; n < first + kTailRun; ++n) {
+        const float over = (s[2 * n] * s[2 * n] + s[2 * n + 1] * s[2 * n + 1]) * loudness[n];
+        if (over > found.over) found = {n, over};
+    }
+    return found;
+}
+
+void repeat(const float *unit, const float *loudness, float again, std::size_t samples, float *s) {
+    struct { std::size_t at; float re, im; } heard[kMostRepeats];
+    Peak before{0, 0}, here{0, 0};
+    int count = 0;
+    for (std::size_t run = kTailRun; run <= samples && count < kMostRepeats; run += kTailRun) {
+        const Peak next = run < samples ? largest(s, loudness, run) : Peak{run, 0};
+        if (here.over > 1 && here.over >= before.over && here.over > next.over) {
+            const float size = again / unit[here.at] * std::min(1.0f, (here.over - 1) / 3);  // fades in
+            heard[count++] = {here.at, size * s[2 * here.at], size * s[2 * here.at + 1]};
+        }
+        before = here, here = next;
+    }
+    for (int k = 0; k < count; ++k)
+        for (std::size_t n = heard[k].at, to = 2 * n; to < samples; ++n, ++to) {  // also of what was added: every multiple
+            const float share = unit[to] / unit[n], re = s[2 * n], im = s[2 * n + 1];
+            s[2 * to] += share * (heard[k].re * re - heard[k].im * im);
+            s[2 * to + 1] += share * (heard[k].re * im + heard[k].im * re);
+        }
 }
 
 // --- what is lost on the way ---
@@ -190,7 +241,7 @@ void picture(const std::uint8_t *grey, std::size_t samples, const std::int32_t *
 }  // namespace
 
 extern const BmodeKernels bmode_kernels;
-const BmodeKernels bmode_kernels = {axial, lateral, widen, tail, transmit, gain, compress, picture};
+const BmodeKernels bmode_kernels = {axial, lateral, widen, tail, repeat, transmit, gain, compress, picture};
 
 }  // namespace SONO_ISA
 }  // namespace sono

@@ -15,6 +15,7 @@ constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, eac
 constexpr int kBinPad = 64;            // half-samples kept beyond either end of a beam
 constexpr int kLateralRun = 32;        // floats for which the beam's width is given
 constexpr int kTailRun = 16;           // samples
+constexpr int kMostRepeats = 4;        // echoes of a line that are heard again
 constexpr int kEchoSlack = 64;         // scatterers that may be read past the last
 
 struct BeamGeometry {
@@ -69,9 +70,10 @@ struct EchoKernels {
     /// Polynomials and line spans of cells [first, last) under displacements at the lattice's nodes
     void (*place)(const BeamGeometry &, const Cells &, const float *displacement, const float spacing[3],
                   std::size_t first, std::size_t last, float *polynomials, LineSpan *spans);
-    /// Amplitudes of the surfaces of cells [first, last), whose normals the displacement turns (n' = F^-T n)
-    void (*reflect)(const BeamGeometry &, const Cells &, const Surfaces &, const float *polynomials, std::size_t first,
-                    std::size_t last, std::int16_t *amplitude);
+    /// Amplitudes of cells [first, last) that touch a line; of their surfaces the displacement turns the normals (n' =
+    /// F^-T n)
+    void (*reflect)(const BeamGeometry &, const Cells &, const Surfaces &, const float *polynomials, const LineSpan *spans,
+                    std::size_t first, std::size_t last, std::int16_t *amplitude);
     /// Adds every scatterer to lines first_line - 1 to first_line + kStripLines of `strip`; row r of it holds
     /// line first_line - 1 + r, one more row takes what falls elsewhere
     void (*splat)(const BeamGeometry &, const Cells &, const float *polynomials, const LineSpan *spans, int first_line,
@@ -90,8 +92,11 @@ struct BmodeKernels {
     /// out (samples, 2) += scale times two rows of a wide beam, mixed
     void (*widen)(const float *low, const float *high, float of_high, const float *scale, std::size_t samples, float *out);
     /// out (samples, 2) += texture times an amplitude that the power before it feeds: of each run of kTailRun samples
-    /// the mean power is added to what `keep` leaves, and `level` of that sounds until the next
-    void (*tail)(const float *texture, float level, float keep, std::size_t samples, float *out);
+    /// the mean power is added to what `keep` leaves, and `level` of that, with the run's `more` (or null), sounds
+    void (*tail)(const float *texture, float level, float keep, const float *more, std::size_t samples, float *out);
+    /// out (samples, 2) += echoes of itself from what is loud in it (power times loudness above 1): the face sends
+    /// `again` of them back, where amplitudes count in `unit`
+    void (*repeat)(const float *unit, const float *loudness, float again, std::size_t samples, float *out);
     /// left = 10^(-loss_db / 20); count is a multiple of kLateralRun / 2
     void (*transmit)(const float *loss_db, std::size_t count, float *left);
     /// out (samples, 2), each value twice = rows of `rays` weighted, then linear between samples before[n] and the

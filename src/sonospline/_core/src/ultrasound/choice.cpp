@@ -14,6 +14,49 @@ constexpr double kFarStrip = 1e6;
 constexpr int kTileSide = 8;                     // cells a side of the table that counts scatterers
 constexpr std::int32_t kTileCells = kTileSide * kTileSide * kTileSide;
 
+// Sorts a cell's scatterers by elevation, about: those that lie beside the slice then fill vectors of their own.
+class Layers {
+  public:
+    Layers(std::uint16_t *place, std::int16_t *amplitude, std::size_t stride, float *surfaces, std::size_t surface_stride)
+        : place_(place), amplitude_(amplitude), surfaces_(surfaces), stride_(stride), surface_stride_(surface_stride) {}
+
+    /// Of scatterers [first, last), whose surfaces, where they have any, begin at `surface`
+    void sort(const CellFrame &frame, std::int32_t first, std::int32_t last, std::int32_t surface) {
+        const auto count = static_cast<std::size_t>(last - first);
+        if (count < 2) return;
+        const float *across = frame.rotation + 3;  // to the image plane
+        const auto steeper = [&](std::size_t a, std::size_t b) { return std::fabs(across[b]) > std::fabs(across[a]); };
+        std::size_t axis = steeper(0, 1) ? 1 : 0;
+        if (steeper(axis, 2)) axis = 2;
+        const std::uint16_t *along = place_ + axis * stride_ + first;
+        std::size_t next[kLayers + 1] = {};
+        for (std::size_t i = 0; i < count; ++i) ++next[along[i] / (65536 / kLayers) + 1];
+        for (std::size_t layer = 1; layer < kLayers; ++layer) next[layer + 1] += next[layer];
+        to_.resize(count);
+        for (std::size_t i = 0; i < count; ++i) to_[i] = next[along[i] / (65536 / kLayers)]++;
+        for (std::size_t a = 0; a < 3; ++a) move(place_ + a * stride_ + first, whole_);
+        move(amplitude_ + first, level_);
+        for (std::size_t k = 0; surface >= 0 && k < kSurfaceFloats; ++k) move(surfaces_ + k * surface_stride_ + surface, number_);
+    }
+
+  private:
+    static constexpr std::size_t kLayers = 16;
+
+    template <class T> void move(T *values, std::vector<T> &copy) const {
+        copy.assign(values, values + to_.size());
+        for (std::size_t i = 0; i < to_.size(); ++i) values[to_[i]] = copy[i];
+    }
+
+    std::uint16_t *place_;
+    std::int16_t *amplitude_;
+    float *surfaces_;
+    std::size_t stride_, surface_stride_;
+    std::vector<std::size_t> to_;
+    std::vector<std::uint16_t> whole_;
+    std::vector<std::int16_t> level_;
+    std::vector<float> number_;
+};
+
 }  // namespace
 
 bool Choice::Unit::add(const std::array<std::int32_t, 3> &cell, const std::array<std::int32_t, 3> &place,
@@ -143,6 +186,7 @@ void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t st
     parallel_for(parts, [&](std::size_t part) {
         const auto first = static_cast<std::int32_t>(part * frames.size() / parts);
         const auto last = static_cast<std::int32_t>((part + 1) * frames.size() / parts);
+        Layers layers(place, amplitude, stride, surfaces, surface_stride);
         for (const Unit &unit : units_)
             for (std::size_t i = 0; i < unit.echoes.size(); ++i) {
                 const Echo &echo = unit.echoes[i];
@@ -156,6 +200,12 @@ void Choice::write(std::uint16_t *place, std::int16_t *amplitude, std::size_t st
                 float *surface = surfaces + next_surface[static_cast<std::size_t>(rank)]++;
                 for (std::size_t k = 0; k < kSurfaceFloats; ++k) surface[k * surface_stride] = unit.surfaces[i].numbers[k];
             }
+        for (std::int32_t rank = first; rank < last; ++rank) {
+            const auto r = static_cast<std::size_t>(rank);
+            const std::int32_t on = surface_starts[r + 1] - surface_starts[r];
+            layers.sort(frames[r], starts[r], starts[r + 1] - on, -1);
+            layers.sort(frames[r], starts[r + 1] - on, starts[r + 1], surface_starts[r]);
+        }
     });
     for (std::size_t at = size(); at < size() + kEchoSlack; ++at) {
         for (std::size_t a = 0; a < 3; ++a) place[a * stride + at] = 0;

@@ -98,11 +98,13 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
 // --- surfaces ---
 
 void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfaces, const float *polynomials,
-             std::size_t first, std::size_t last, std::int16_t *amplitude) {
+             const LineSpan *spans, std::size_t first, std::size_t last, std::int16_t *amplitude) {
     const VecF step = splat(1.0f / 65536);
     const float to_units = 1 / cells.amplitude_step;
     for (std::size_t cell = first; cell < last; ++cell) {
         const std::int32_t from = surfaces.starts[cell], to = surfaces.starts[cell + 1];
+        if (spans[cell].last < spans[cell].first) continue;
+        std::copy(cells.amplitude + cells.starts[cell], cells.amplitude + cells.starts[cell + 1], amplitude + cells.starts[cell]);
         if (from == to) continue;
         const float *c = polynomials + kPolynomialFloats * cell;
         const std::int32_t scatterer = cells.starts[cell + 1] - (to - from);
@@ -171,17 +173,20 @@ inline void store_pairs(float *to, VecF a, VecF b) {
 enum class Fan { none, narrow, wide };
 
 template <Fan fan>
-inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const float *c, const Cells &cells,
+inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const float *c, float cut, const Cells &cells,
                       std::size_t at, int first_line, std::int32_t row, Echoes &out) {
     const VecF step = splat(1.0f / 65536);
     const VecF u = (__builtin_convertvector(load_as<VecU16>(cells.u + at), VecF) + 0.5f) * step;
     const VecF v = (__builtin_convertvector(load_as<VecU16>(cells.v + at), VecF) + 0.5f) * step;
     const VecF w = (__builtin_convertvector(load_as<VecU16>(cells.w + at), VecF) + 0.5f) * step;
-    VecF place[3];
-    for (int a = 0; a < 3; ++a)
-        place[a] = ((c[28 + a] * w + c[16 + a]) * v + (c[20 + a] * w + c[4 + a])) * u +
-                   ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
-    VecF further = place[2], across = place[0];  // than the cell's corner
+    const auto place = [&](int a) {
+        return ((c[28 + a] * w + c[16 + a]) * v + (c[20 + a] * w + c[4 + a])) * u +
+               ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
+    };
+    const VecF elevation = place(1) + frame.elevation;
+    out.heard = bits_of(elevation * elevation < cut);
+    if (!out.heard) return;  // all beside the slice
+    VecF further = place(2), across = place(0);  // than the cell's corner
     if constexpr (fan == Fan::narrow) {
         const VecF q = across * reciprocal(further + frame.reach), squared = q * q;
         further += across * q * horner(squared, kRootNarrow);
@@ -193,7 +198,7 @@ inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const fl
         across = q * horner(q * q, kAtan);
     }
     const VecF range = further + frame.range;
-    const VecF elevation = place[1] + frame.elevation, off_focus = range - beam.focus_mm;
+    const VecF off_focus = range - beam.focus_mm;
     const VecF inverse = reciprocal(beam.focus_variance + beam.spread_squared * off_focus * off_focus);
     const VecF squared = 0.5f * elevation * elevation * inverse;
     const VecF profile = exp_minus(squared < 4.5f ? squared : splat(4.5f)) - beam.cut_weight;
@@ -230,13 +235,21 @@ inline V4 each_twice(const float *pair) {
     return __builtin_shufflevector(both, both, 0, 0, 1, 1);
 }
 
+// Squared elevation beyond which nothing in a cell is heard.
+float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *c) {
+    float reach = std::fabs(frame.range - beam.focus_mm);
+    for (int k = 0; k < 8; ++k) reach += std::fabs(c[4 * k]) + std::fabs(c[4 * k + 2]);
+    return beam.cut_squared * (beam.focus_variance + beam.spread_squared * reach * reach);
+}
+
 template <Fan fan>
 void splat_cell(const BeamGeometry &beam, const Cells &cells, std::size_t cell, const float *c, int first_line,
                 float *strip, std::size_t row) {
     Echoes echoes;
+    const float cut = widest_cut(beam, cells.frames[cell], c);
     const std::size_t end = static_cast<std::size_t>(cells.starts[cell + 1]);
     for (std::size_t at = static_cast<std::size_t>(cells.starts[cell]); at < end; at += kWidth) {
-        echoes_of<fan>(beam, cells.frames[cell], c, cells, at, first_line, static_cast<std::int32_t>(row), echoes);
+        echoes_of<fan>(beam, cells.frames[cell], c, cut, cells, at, first_line, static_cast<std::int32_t>(row), echoes);
         if (end - at < kWidth) echoes.heard &= (1u << (end - at)) - 1;
         for (unsigned left = echoes.heard; left; left &= left - 1) {
             const int i = __builtin_ctz(left);
