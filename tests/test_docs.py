@@ -22,6 +22,7 @@ NEEDS = {
     "ultrasound.md": ("SimpleITK",),
     "coordinates.md": ("SimpleITK",),
     "fem.md": ("skfem", "pyamg"),
+    "datasets.md": ("zarr", "pyarrow"),
 }
 NAMES = "label,name\n1,skin\n2,liver\n3,tumour\n"
 

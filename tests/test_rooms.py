@@ -25,7 +25,7 @@ FLOORS = (
     {"fem", "ultrasound"},
     {"phantoms"},
     {"simulator", "igtl"},
-    {"training", "tracking"},
+    {"training", "tracking", "dataset"},
     {"lab"},
     {"link"},
     {"server"},

@@ -20,8 +20,8 @@ from typing import Any, NoReturn
 from . import _terminal
 
 VERBS = (
-    "serve", "link", "slicer-scene", "insert", "image", "record", "replay", "results", "tune", "reproduce", "bench",
-    "doctor",
+    "serve", "link", "slicer-scene", "insert", "image", "record", "replay", "results", "dataset", "tune", "reproduce",
+    "bench", "doctor",
 )  # fmt: skip
 
 _OPTION = re.compile(r"--[a-z][a-z-]*")

@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) -> Iterator[T]:
     """Yield the items, drawing a bar meanwhile."""
-    if quiet or not _watched():
+    if quiet or not watched():
         yield from items
         return
     from rich.console import Console
@@ -27,7 +27,7 @@ def track(items: Iterable[T], total: int, label: str, *, quiet: bool = False) ->
 @contextmanager
 def bar(label: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Yield a function of steps done and steps in all, which draws a bar where somebody is watching."""
-    if quiet or not _watched():
+    if quiet or not watched():
         yield lambda done, of: None
         return
     from rich.console import Console
@@ -45,5 +45,6 @@ def say(*, quiet: bool = False) -> Callable[[str], None]:
     return _terminal.say
 
 
-def _watched() -> bool:
+def watched() -> bool:
+    """Whether a bar can be drawn, and somebody sees it."""
     return sys.stderr is not None and sys.stderr.isatty() and present("rich")

@@ -78,7 +78,7 @@ def _generated(spec: SceneFile, folder: Path, progress: Progress) -> SceneConten
     progress(0.5)
     low, high = made.box
     coarse = _coarser(made.phantom.labels)
-    labelled, materials = not made.homogeneous, _materials(spec, folder)
+    labelled, materials = not made.homogeneous, scene_materials(spec, folder)
     return SceneContent(
         grid=Grid.covering(high - low, nodes=spec.tissue.nodes, origin=low),
         see=_synthetic(spec, made.phantom),
@@ -102,7 +102,7 @@ def _labels(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
     progress(0.1)
     names = {0: BACKGROUND, **names_for(labels, path, _file(spec, folder, "names"))}
     ct = None if (file := _file(spec, folder, "ct")) is None else read_volume(file, name="ct")
-    materials = _materials(spec, folder)
+    materials = scene_materials(spec, folder)
     with labels_named(path):
         phantom = phantom_from_organs(
             labels, {n: name for n, name in names.items() if n}, ct=ct, between=spec.tissue.between
@@ -139,7 +139,8 @@ def _synthetic(spec: SceneFile, phantom: Phantom) -> Callable[[Probe, Array], Im
     )  # fmt: skip
 
 
-def _materials(spec: SceneFile, folder: Path) -> MaterialTable:
+def scene_materials(spec: SceneFile, folder: Path) -> MaterialTable:
+    """Return the materials of a scene's tissues by name: its own before those of all scenes."""
     own = _file(spec, folder, "materials")
     with as_file(files(__package__).joinpath("scenes/materials.toml")) as path:
         table = MaterialTable.read(path)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..geometry.tissue import Tissue
 from ..mechanics.material import Material
+from ..mechanics.tissue_map import TissueMap
 from ..models import registry
 from ..models.contract import TissueModel
 from ..models.maker import make
 from ..ultrasound.needle_echo import LOOKS
 from .scene import Scene
+from .scene_file import SceneFile
 
 
 def scene_model(scene: Scene, name: str, **others: str) -> TissueModel:
@@ -22,11 +25,16 @@ def scene_model(scene: Scene, name: str, **others: str) -> TissueModel:
     ValueError
         No model has the name, or an option of the scene is beyond its range.
     """
-    spec, part = registry.spec(name), scene.spec.model
-    homogeneous = Material(scene.spec.tissue.stiffness_kpa, part.poissons_ratio)
-    labelled = scene.tissues is not None and "labels" in spec.capabilities
-    given = {option.name: others.get(option.name, getattr(part, option.name, None)) for option in spec.options}
+    return tissue_model(scene.spec, scene.tissue, scene.tissues, name, **others)
+
+
+def tissue_model(spec: SceneFile, tissue: Tissue, tissues: TissueMap | None, name: str, **others: str) -> TissueModel:
+    """Return a model for tissue that is as a scene file says, as :func:`scene_model` does for its own."""
+    known, part = registry.spec(name), spec.model
+    homogeneous = Material(spec.tissue.stiffness_kpa, part.poissons_ratio)
+    labelled = tissues is not None and "labels" in known.capabilities
+    given = {option.name: others.get(option.name, getattr(part, option.name, None)) for option in known.options}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if "needle_radius_mm" in given:
-        options.setdefault("needle_radius_mm", LOOKS[scene.spec.needle.look]().diameter_mm / 2)
-    return make(name, scene.tissue, scene.tissues if labelled else homogeneous, **options)
+        options.setdefault("needle_radius_mm", LOOKS[spec.needle.look]().diameter_mm / 2)
+    return make(name, tissue, tissues if labelled else homogeneous, **options)

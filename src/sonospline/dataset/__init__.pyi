@@ -1,0 +1,14 @@
+from .checking import Checked as Checked
+from .checking import check as check
+from .factory import Made as Made
+from .factory import make_dataset as make_dataset
+from .plan import Plan as Plan
+from .reader import DataSet as DataSet
+from .rebuilding import rebuild as rebuild
+from .recipe import Recipe as Recipe
+from .sample import Sample as Sample
+from .sample import World as World
+from .specification import Specification as Specification
+from .specification import specification_schema as specification_schema
+from .table_statistics import statistics as statistics
+from .torch_form import torch_samples as torch_samples

@@ -1,0 +1,37 @@
+"""Data sets small enough to be made in a moment."""
+
+from sonospline.dataset import Specification
+
+SMALL = """
+name = "small"
+samples = 6
+seed = 5
+licence = "CC-BY-4.0"
+[[sources]]
+kind = "block"
+[anatomy]
+samples = 4
+voxel_mm = 2.0
+[view]
+samples = 2
+lines = 32
+depth_mm = [30, 30]
+frequency_mhz = [4, 4]
+[model]
+use = "elastic"
+solver_nodes = 1200
+[stored]
+pixels = 32
+volume = 5
+[storage]
+shard = 2
+"""
+
+
+def small(form="zarr", **changed):
+    """The small specification in a form, with some of its own numbers changed."""
+    text = SMALL + f'form = "{form}"\n'
+    for name, value in changed.items():
+        line = next(line for line in text.splitlines() if line.startswith(f"{name} ="))
+        text = text.replace(line, f"{name} = {value}", 1)
+    return Specification.parse(text)
