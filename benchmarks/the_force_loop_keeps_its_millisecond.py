@@ -1,8 +1,8 @@
 """The force loop keeps its millisecond for ten minutes beside a live session: compute 50 us (p50) and 0.5 ms (p99).
 
 A session of a scene pushes its needle to and fro as fast as it can; the loop has a contact of 35 points, renewed at
-60 Hz, and a hand that moves with the needle. Jitter is printed beside it: 1 ms (p99.9) is kept where the machine is
-quiet, and no promise on a busy one. The cost of a tick does not know the tissue's nodes: it has the points alone.
+60 Hz, and a hand that moves with the needle. Late by 1 ms (p99.9) at most where the system lets the loop run before
+ordinary programs; without that, on a quiet machine. The cost of a tick does not know the nodes: only the points count.
 
     python benchmarks/the_force_loop_keeps_its_millisecond.py [--minutes 10] [--scene kidney]    (short: --minutes 0.5)
 """
@@ -70,8 +70,6 @@ with ForceLoop(Coupling(delay_ms=2.0)) as loop:
     for thread in threads:
         thread.join()
 print(json.dumps({"frames": frames, "seconds": now, "axial_n": felt.axial_n, **asdict(timing)}, indent=2))
-kept = timing.compute_p50_ms <= 0.05 and timing.compute_p99_ms <= 0.5
-print(
-    "kept" if kept else "MISSED", "" if timing.jitter_p999_ms <= 1 else "(and late by more than 1 ms: a busy machine)"
-)
+kept = timing.compute_p50_ms <= 0.05 and timing.compute_p99_ms <= 0.5 and timing.jitter_p999_ms <= 1
+print("kept" if kept else "MISSED", "" if timing.real_time else "(without real time, which the system did not grant)")
 sys.exit(0 if kept else 1)

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -72,6 +73,26 @@ def test_a_hand_that_pushes_feels_the_tissue():
     assert hand.closed == 1
     assert timing.ticks + timing.skipped > 300
     assert 0 < timing.compute_p50_ms <= timing.compute_p99_ms
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="a system without POSIX scheduling")
+def test_the_loop_runs_before_ordinary_programs_where_the_system_lets_it():
+    granted = []
+
+    def ask():  # of a thread of its own, which ends with what it was granted
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_min(os.SCHED_FIFO)))
+            granted.append(True)
+        except PermissionError:
+            granted.append(False)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    asking.join()
+    with ForceLoop() as loop:
+        kept_fresh(loop, shaft(), 0.05)
+        assert loop.timing.real_time is granted[0]
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER  # only that thread
 
 
 def test_the_loop_says_what_it_waits_for_and_why_it_fades():

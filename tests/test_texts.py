@@ -274,7 +274,7 @@ MAKERS = {
     link.FakeDevice: lambda: link.FakeDevice((0, 0, 0), hands=1000),
     link.Felt: lambda: link.FakeDevice((0, 0, 0)).move(lambda now: (1, 2, 3), seconds=0.1),
     link.ForceReading: lambda: link.ForceReading((1 / 3, 0.0, 0.0), 0.0, 0.0, 0.0, 1e-7 / 3, "felt"),
-    link.ForceTiming: lambda: link.ForceTiming(600_000, 0, 1 / 30, 1 / 3, 2 / 3),
+    link.ForceTiming: lambda: link.ForceTiming(600_000, 0, 1 / 30, 1 / 3, 2 / 3, False),
     tracking.TransformRepository: tracking.TransformRepository,
     tracking.Clutch: tracking.Clutch,
     tracking.PoseTrack: tracking.PoseTrack,

@@ -60,6 +60,9 @@ class ForceTiming:
         Of one tick, by the clock: what other processes took is in it.
     jitter_p999_ms : float
         How late a tick began.
+    real_time : bool
+        Whether the system lets the loop run before every ordinary program. Linux does for root, and for those to whom
+        ``/etc/security/limits.conf`` gives an ``rtprio`` of 1 or more.
     """
 
     ticks: int
@@ -67,6 +70,7 @@ class ForceTiming:
     compute_p50_ms: float
     compute_p99_ms: float
     jitter_p999_ms: float
+    real_time: bool
 
 
 class ForceLoop:
@@ -196,8 +200,9 @@ class ForceLoop:
     @property
     def timing(self) -> ForceTiming:
         """How it kept its time."""
-        ticks, skipped, *seconds = self._loop.timing()
-        return ForceTiming(ticks, skipped, *(1000 * value for value in seconds))
+        real_time, ticks, skipped, *seconds = self._loop.timing()
+        p50, p99, late = (1000 * value for value in seconds)
+        return ForceTiming(ticks, skipped, p50, p99, late, real_time)
 
     def forget_timing(self) -> None:
         """Count anew."""

@@ -167,8 +167,8 @@ auto reading(const sono::ForceLoop &self) {
 }
 
 auto timing(const sono::ForceLoop &self) {
-    return std::tuple(self.ticks.load(), self.skipped.load(), self.computed.quantile(0.5), self.computed.quantile(0.99),
-                      self.late.quantile(0.999));
+    return std::tuple(self.real_time.load(), self.ticks.load(), self.skipped.load(), self.computed.quantile(0.5),
+                      self.computed.quantile(0.99), self.late.quantile(0.999));
 }
 
 void forget_timing(sono::ForceLoop &self) {

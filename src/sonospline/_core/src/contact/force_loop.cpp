@@ -8,6 +8,7 @@
 #include <utility>
 
 #ifdef __linux__
+#include <sched.h>
 #include <sys/prctl.h>
 #endif
 
@@ -18,6 +19,17 @@ namespace {
 
 constexpr double kLeast = 1e-7;  // s
 constexpr double kNever = -std::numeric_limits<double>::infinity();
+
+/// Has the calling thread run before all ordinary ones whenever it is due; false where the system does not grant it.
+bool ask_for_real_time() {
+#ifdef __linux__
+    prctl(PR_SET_TIMERSLACK, 1);  // else the system may add 50 us to every wait
+    const sched_param lowest{sched_get_priority_min(SCHED_FIFO)};  // above what is ordinary, below the system's own
+    return sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &lowest) == 0;
+#else
+    return false;
+#endif
+}
 
 }  // namespace
 
@@ -95,9 +107,7 @@ ForceLoop::Reading ForceLoop::read() const {
 }
 
 void ForceLoop::run() noexcept {
-#ifdef __linux__
-    prctl(PR_SET_TIMERSLACK, 1);  // else the system may add 50 us to every wait
-#endif
+    real_time.store(ask_for_real_time(), std::memory_order_relaxed);
     const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options_.period));
     for (auto due = Clock::now(); !stopping_.load(std::memory_order_relaxed); due += period) {
         std::this_thread::sleep_until(due);

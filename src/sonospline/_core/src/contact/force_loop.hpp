@@ -81,6 +81,7 @@ class ForceLoop {
 
     Durations computed, late;
     std::atomic<std::uint64_t> ticks{0}, skipped{0};
+    std::atomic<bool> real_time{false};  // whether the system let the thread run before all ordinary ones
 
   private:
     using Clock = std::chrono::steady_clock;
