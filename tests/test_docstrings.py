@@ -14,6 +14,7 @@ ROOT = Path(sonospline.__file__).parent
 EXTRAS = (
     *("SimpleITK", "vtk", "vtkmodules", "matplotlib", "PIL", "pyvista", "pydicom", "rich"),
     *("skfem", "pyamg", "pypardiso", "pymoo", "distributed", "starlette", "uvicorn", "websockets"),
+    "gymnasium",
 )
 
 

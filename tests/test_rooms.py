@@ -26,7 +26,7 @@ FLOORS = (
     {"phantoms"},
     {"simulator", "igtl"},
     {"training", "tracking", "dataset"},
-    {"lab"},
+    {"lab", "envs"},
     {"link"},
     {"server"},
     {"course"},

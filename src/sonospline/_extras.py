@@ -28,6 +28,7 @@ PROVIDES = {
     "websockets": "serve",
     "playwright": "bench",
     "mcap": "record",
+    "gymnasium": "envs",
     "sqlalchemy": "lab",
     "pyarrow": "lab",
 }

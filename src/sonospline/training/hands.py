@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry.needle import Needle
 from ..simulator.command import Command
+from ..simulator.scene import Scene
 from .attempt import Attempt, Result
 
 Array = NDArray[np.float64]
@@ -79,7 +80,7 @@ class Expert:
             command = self._in_zone(attempt, command)
         entry = skin.entry(command.needle)
         target = frame.target_now
-        probe = self._probe(attempt, command, entry, target)
+        probe = probe_above(attempt.scene, command, entry, target, across=self._across)
         if command.needle.depth == 0 and not _is_at(attempt.command, probe):
             return probe
         away = target - entry
@@ -101,18 +102,19 @@ class Expert:
         middle = {"u": sum(zone.u) / 2, "v": sum(zone.v) / 2}
         return replace(command, needle=replace(command.needle, **middle))
 
-    def _probe(self, attempt: Attempt, command: Command, entry: Array, target: Array) -> Command:
-        """The probe above the target, its image along the way there, or across it."""
-        skin = attempt.scene.frame
-        right, _, out = skin.parts(target - skin.origin)
-        ahead, _, aside = skin.parts(target - entry)
-        turn = np.degrees(np.arctan2(-aside, ahead)) + (90.0 if self._across else 0.0)
-        turn = (turn + 90) % 180 - 90 if not self._across else turn
-        slide, sweep = (
-            float(np.clip(at, (knob := attempt.scene.knobs[f"probe.{name}"]).low, knob.high))
-            for name, at in (("slide", right), ("sweep", out))
-        )
-        return replace(command, probe=replace(command.probe, rotate=float(turn), fan=0.0, slide=slide, sweep=sweep))
+
+def probe_above(scene: Scene, command: Command, entry: Array, target: Array, *, across: bool = False) -> Command:
+    """Return a command with the probe above the target, its image along the way there, or across it."""
+    skin = scene.frame
+    right, _, out = skin.parts(target - skin.origin)
+    ahead, _, aside = skin.parts(target - entry)
+    turn = np.degrees(np.arctan2(-aside, ahead)) + (90.0 if across else 0.0)
+    turn = (turn + 90) % 180 - 90 if not across else turn
+    slide, sweep = (
+        float(np.clip(at, (knob := scene.knobs[f"probe.{name}"]).low, knob.high))
+        for name, at in (("slide", right), ("sweep", out))
+    )
+    return replace(command, probe=replace(command.probe, rotate=float(turn), fan=0.0, slide=slide, sweep=sweep))
 
 
 def _held(command: Command) -> Command:

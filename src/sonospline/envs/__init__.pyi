@@ -1,0 +1,13 @@
+from .needle_steering import NeedleSteering as NeedleSteering
+from .probe_navigation import ProbeNavigation as ProbeNavigation
+from .registration import IDS as IDS
+from .score import Cost as Cost
+from .score import score as score
+from .scripted import at_random as at_random
+from .scripted import navigate as navigate
+from .scripted import solved as solved
+from .scripted import steer as steer
+from .scripted import steer_without_looking as steer_without_looking
+from .training_env import TrainingEnv as TrainingEnv
+from .world import Episode as Episode
+from .world import World as World
