@@ -251,3 +251,27 @@ def test_a_left_hand_has_the_needle_on_its_side(drive, layout):
     page.reload()
     driver.live()
     assert left_to_right() < 0, "the page remembers"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [SIZES["tablet"], SIZES["portrait"], (768, 1024), (900, 600), (720, 450)])
+def test_time_gain_compensation_is_at_hand_in_every_layout(drive, size):
+    """All sliders and grey maps can be brought into the window, and a slider moves the picture's gain."""
+    driver = drive(size=size, touch=size[1] > 700)
+    page = driver.page
+    page.locator(".scanner > .button:visible").click()
+    sliders = page.locator(".scanner .menu:visible [data-slider]")
+    assert sliders.count() == 8
+    for entry in (sliders.nth(0), sliders.nth(7), page.locator(".scanner .menu:visible .maps button").last):
+        entry.scroll_into_view_if_needed()
+        box = entry.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= size[0]
+        assert 0 <= box["y"] < box["y"] + box["height"] <= size[1]
+    driver.picture(f"tgc-{size[0]}")
+    sliders.nth(7).fill("6")
+    page.get_by_role("menuitem", name="Level").locator("visible=true").click()
+    assert sliders.nth(7).input_value() == "0"
+    page.keyboard.press("Escape")
+    page.locator(".scanner .menu:visible").wait_for(state="detached")
+    assert driver.evaluate(CLIPPED) == []

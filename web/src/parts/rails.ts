@@ -6,6 +6,7 @@ import { icon } from "../icons";
 import { draggable } from "../input/drag";
 import { ACROSS, ALONG, IN_MENU, PRESS, PUSH, SLIDE, SWEEP } from "../knobs";
 import { actionButton, freezeButton, paceButton } from "./buttons";
+import { ScannerMenu } from "./scanner";
 import { steppers } from "./steppers";
 
 /** px from the middle to full speed. */
@@ -42,7 +43,7 @@ export function needleRail(desk: Desk): HTMLElement {
 }
 
 export function imageBar(desk: Desk): HTMLElement {
-  return h("footer", { class: "image-bar", "aria-label": "Image" }, steppers(desk, "image", "steppers", { without: IN_MENU }), freezeButton(desk, ""));
+  return h("footer", { class: "image-bar", "aria-label": "Image" }, steppers(desk, "image", "steppers", { without: IN_MENU }), new ScannerMenu(desk, "-touch").element, freezeButton(desk, ""));
 }
 
 /** Sprung: the distance from the middle is the speed, letting go stops. */

@@ -18,13 +18,14 @@ export class ScannerMenu {
   readonly element: HTMLElement;
   private refreshed: (() => void)[] = [];
 
-  constructor(private readonly desk: Desk) {
+  /** `place` tells two of them on a page apart. */
+  constructor(private readonly desk: Desk, place = "") {
     const { session } = desk;
-    const [button, menu] = ["scanner-button", "scanner-menu"];
+    const [button, menu] = [`scanner-button${place}`, `scanner-menu${place}`];
     this.button = h(
       "button",
       { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, colour Doppler, grey map" },
-      h("span", {}, "TGC, colour"),
+      h("span", {}, "TGC", h("span", { class: "more" }, ", colour")),
       icon("chevron", 14),
     );
     this.menu = h("div", { class: "menu", id: menu, role: "menu", "aria-labelledby": button, hidden: true });
