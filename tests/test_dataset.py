@@ -87,6 +87,13 @@ def test_a_sample_that_fails_is_listed_and_stops_no_other(tmp_path, monkeypatch)
         data.sample(3)
 
 
+def test_a_fault_of_every_sample_ends_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(World, "sample", lambda *_: 1 / 0)
+    with pytest.raises(RuntimeError, match="none of 6 samples could be made: ZeroDivisionError"):
+        make_dataset(small(), tmp_path)
+    assert not (tmp_path / "manifest.json").exists()
+
+
 def test_recipes_make_the_same_samples_again(made, tmp_path):
     recipes = tmp_path / "recipes"
     make_dataset(small("recipe"), recipes)

@@ -23,6 +23,9 @@ from .store import Store, store_at
 Progress = Callable[[int, int, int], None]
 """Called with samples made, samples in all, and how many failed."""
 
+_ENOUGH = 4
+"""Shards without a single sample that end a run."""
+
 FORMAT, FORMAT_VERSION = "sonospline data set", 1
 
 
@@ -87,7 +90,7 @@ def make_dataset(
     StoreError
         The files cannot be written; what is whole stays, and the next run goes on from there.
     RuntimeError
-        A cluster that went away, or workers that would make other bits.
+        A cluster that went away, workers that would make other bits, or not one sample that can be made.
 
     Examples
     --------
@@ -120,6 +123,7 @@ def make_dataset(
         for receipt in _made(job, missing, at):
             receipts[receipt.shard] = receipt
             count.add(receipt)
+            _stop_where_all_fail(list(receipts.values()), asked.shards)
     finish(job, [receipts[shard] for shard in range(asked.shards)])
     failed = {index: reason for shard in range(asked.shards) for index, reason in receipts[shard].failed.items()}
     return Made(
@@ -128,15 +132,24 @@ def make_dataset(
     )  # fmt: skip
 
 
+def _stop_where_all_fail(receipts: list[Receipt], shards: int) -> None:
+    """What fails every sample of several shards is no sample's fault."""
+    if len(receipts) >= min(_ENOUGH, shards) and all(len(one.failed) == one.samples for one in receipts):
+        why = next(iter(receipts[0].failed.values()))
+        raise RuntimeError(f"none of {sum(one.samples for one in receipts)} samples could be made: {why}")
+
+
 def whole_shards(place: Store, asked: Specification) -> Iterator[Receipt]:
-    """Yield the receipt of each shard that is there with files of the right length."""
+    """Yield the receipt of each shard that is there with files of the right length, and at least one sample."""
     for name in place.names("receipts"):
         try:
             receipt = Receipt.of(json.loads(place.read(name)))
         except ValueError:
             continue
+        if name != receipt_name(receipt.shard) or receipt.shard >= asked.shards:
+            continue
         whole = all(place.size(file) == size for file, (_, size) in receipt.files.items())
-        if whole and name == receipt_name(receipt.shard) and receipt.shard < asked.shards:
+        if whole and len(receipt.failed) < receipt.samples:
             yield receipt
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from .._digest import digest
 from .card import card, picture
-from .layout import CARD, MANIFEST, PICTURES, PLAN
+from .croissant import croissant
+from .layout import CARD, CROISSANT, MANIFEST, PICTURES, PLAN
 from .reader import DataSet
 from .shard import Job, Receipt
 from .zarr_form import metadata
@@ -18,7 +19,7 @@ _PICTURE = f"{PICTURES}/samples.png"
 
 
 def finish(job: Job, receipts: Sequence[Receipt]) -> None:
-    """Write what makes shards a data set; the manifest that names them is last but for the card and its picture."""
+    """Write what makes shards a data set; the manifest that names them is last but for what describes it."""
     asked = job.plan.asked
     manifest = _manifest(job, receipts)
     if asked.storage.form == "zarr":
@@ -27,6 +28,7 @@ def finish(job: Job, receipts: Sequence[Receipt]) -> None:
             job.place.write(name, content)
     job.place.write(MANIFEST, json.dumps(manifest, indent=1, sort_keys=True).encode())
     data = DataSet(job.place)
+    job.place.write(CROISSANT, json.dumps(croissant(data), indent=1).encode())
     shown = None if asked.storage.form == "recipe" or not asked.stored.image else picture(data)
     if shown is not None:
         job.place.write(_PICTURE, shown)

@@ -31,6 +31,21 @@ NUMBERS = (*_REAL, "needle_px")
 """Columns that statistics are of."""
 
 
+def is_whole(name: str) -> bool:
+    """Whether a column holds whole numbers."""
+    return name in _WHOLE
+
+
+def is_real(name: str) -> bool:
+    """Whether a column holds real numbers, alone or in lists."""
+    return name in _REAL or name in _LISTS
+
+
+def is_list(name: str) -> bool:
+    """Whether a column holds lists."""
+    return name in _LISTS or name == "events"
+
+
 def parquet(rows: Iterable[Mapping[str, Any]], columns: Sequence[str] = COLUMNS) -> bytes:
     """Return rows as a Parquet file; equal rows, equal bytes."""
     arrow, file_format = require("pyarrow"), require("pyarrow.parquet")
