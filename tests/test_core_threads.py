@@ -7,7 +7,10 @@ import pytest
 
 from builds import needs_core
 from core_calls import FACTOR, SOUND, prepared
+from force_hands import shaft
 from sonospline import _core
+from sonospline.link import Coupling
+from sonospline.link.coupling import SWEEPS
 
 pytestmark = needs_core
 
@@ -61,3 +64,37 @@ def test_what_threads_ask_of_one_object_is_what_one_asks(call):
 
 def _copy(value):
     return value.copy() if isinstance(value, np.ndarray) else value
+
+
+@pytest.mark.parametrize("tries", [20, pytest.param(500, marks=pytest.mark.slow)])
+def test_a_law_may_be_ticked_by_several_threads(tries):
+    """Hands that are held still: so many ticks come to the same, whoever made them, and no state is a half-made one."""
+    contact, at, heard = shaft(12), np.tile([0.0, 0.0, 3.0], (64, 1)), np.zeros(64)
+    laws = [_core.native.ForceLaw(64, Coupling().for_core(), SWEEPS) for _ in range(2)]
+    for law in laws:
+        law.renew(**contact.for_core())
+        law.tick(at * 0, heard, 0.0)
+
+    def tick(number):
+        if number % 4 == 0:
+            forces, _, _ = laws[1].state()
+            return bool((forces == forces[0]).all())
+        return bool((np.ptp(laws[1].tick(at, heard, 0.0), axis=0) == 0).all())
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(tick, range(4 * tries)))
+    for _ in range(3 * tries):
+        laws[0].tick(at, heard, 0.0)
+    assert all(map(np.array_equal, laws[0].state(), laws[1].state()))
+
+
+def test_a_loop_may_be_begun_ended_and_asked_by_several_threads():
+    loop = _core.native.ForceLoop(Coupling().for_core(), SWEEPS)
+    calls = (loop.start, loop.running, loop.stop, loop.running, loop.reading, lambda: loop.place(np.zeros(3)))
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda number: calls[number % len(calls)](), range(240)))
+    loop.stop()
+    assert not loop.running()
+    loop.start()
+    assert loop.running()
+    loop.stop()

@@ -1,5 +1,6 @@
 """What a client of PLUS has recorded, and the files that PLUS opens."""
 
+from threading import Event
 from xml.etree import ElementTree
 
 import numpy as np
@@ -54,6 +55,46 @@ def test_a_client_has_a_recording_made(tmp_path):
         np.testing.assert_allclose(sequence.poses["ImageToReference"][place], image.content.ijk_to_reference, atol=1e-3)
     np.testing.assert_allclose(sequence.poses["ProbeToReference"][0], probe.content.matrix, atol=1e-4)
     assert [file.name for file in tmp_path.iterdir()] == ["hand.igs.mha"]
+
+
+def test_a_recording_is_written_while_the_link_goes_on(tmp_path, monkeypatch):
+    """However long it takes, or fails: others are answered meanwhile, and its reply comes when it is there."""
+    begun, may_end, close = Event(), Event(), SequenceWriter.close
+
+    def slow(self):
+        begun.set()
+        assert may_end.wait(20)
+        close(self)
+
+    monkeypatch.setattr(SequenceWriter, "close", slow)
+    scene = make_scene(SceneFile.parse(SMALL_BLOCK))
+    with (
+        Scanner(ss.Session(scene, model="kelvinlet"), port=0, recordings=tmp_path) as scanner,
+        LinkClient(scanner.server.port) as client,
+    ):
+        command(client, 1, "StartRecording", OutputFilename="hand.igs.mha")
+        client.wait_for("IMAGE")
+        client.wait_for("IMAGE")
+        client.send(igtl.String('<Command Name="StopRecording" />'), "CMD_2")
+        assert begun.wait(20)
+        again = command(client, 3, "StartRecording", OutputFilename="hand.igs.mha")
+        assert "hand.igs.mha is still being written; give another name" in again["Message"]
+        assert "Sonospline" in command(client, 4, "Version")["Message"]
+        may_end.set()
+        assert "successful" in client.wait_for("STRING", "ACK_2").content.text
+        assert read_pose_sequence(tmp_path / "hand.igs.mha").time_s.size >= 1
+        command(client, 5, "StartRecording", OutputFilename="cut.igs.mha")
+        client.wait_for("IMAGE")
+        client.wait_for("IMAGE")
+        monkeypatch.setattr(SequenceWriter, "close", full_disk)
+        failed = command(client, 6, "StopRecording")
+        assert failed["Status"] == "FAIL"
+        assert "cut.igs.mha could not be written: no space" in failed["Message"]
+
+
+def full_disk(self):
+    with self._pixels:
+        raise OSError("no space")
 
 
 def test_nothing_is_recorded_without_a_folder():

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from contextlib import suppress
 from typing import NamedTuple, Protocol, cast
 
 from .. import igtl
+from .._seldom import Seldom
 from .outbox import SENDER, Outbox, Outgoing, lost_notice
 
 logger = logging.getLogger(__name__)
@@ -21,7 +23,6 @@ _AT_ONCE = 32
 _SLOWEST_BYTES_S = 1e6
 """How fast a long message has to come."""
 _BUFFERED = 1 << 16
-_LINES_APART_S = 60.0
 _ON_REQUEST = frozenset({"TDATA", "QTDATA"})
 """Types that are sent to whoever asked for them: they repeat what others say one by one."""
 
@@ -78,7 +79,7 @@ class Connection(asyncio.Protocol):
         self._unfinished: asyncio.TimerHandle | None = None
         self._waits_for = 0
         self._second, self._in_second = 0.0, 0
-        self._said, self._unsaid = -_LINES_APART_S, 0
+        self._seldom = Seldom(logger)
         self._version, self._sent, self._received, self._refused, self._lost = 1, 0, 0, 0, 0
         self._address, self.last_sent = "?", time.monotonic()
 
@@ -114,6 +115,11 @@ class Connection(asyncio.Protocol):
         """Send a message as soon as the client reads."""
         self._outbox.put(message)
         self._flush()
+
+    def answer_soon(self, message: igtl.Message) -> None:
+        """Send a message as :meth:`answer` does, from any thread; nothing where the server has ended."""
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self.answer, Outgoing(message))
 
     def start(self, kind: str, interval_ms: int) -> None:
         """Send messages of a type, and no more often than that for each device."""
@@ -262,15 +268,8 @@ class Connection(asyncio.Protocol):
         return igtl.decode_body(header, body)
 
     def _refuse(self, line: str) -> None:
-        """Say what was refused, one line a minute at most."""
         self._refused += 1
-        now = time.monotonic()
-        if now - self._said < _LINES_APART_S:
-            self._unsaid += 1
-            return
-        more = f" ({self._unsaid} more were refused since the last line)" if self._unsaid else ""
-        logger.warning("%s: refused: %s%s", self._address, line, more)
-        self._said, self._unsaid = now, 0
+        self._seldom.say(f"{self._address}: refused: {line}")
 
     def __repr__(self) -> str:
         return f"Connection({self._address}, header version {self._version})"

@@ -5,15 +5,19 @@ from __future__ import annotations
 import logging
 import re
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
+from typing import TypeVar
 
 from .. import igtl
 from ..io.sequence_writer import SUFFIX, SequenceWriter
 from .frame_messages import OK
 
 logger = logging.getLogger(__name__)
+
+Said = TypeVar("Said")
 
 _NAME = re.compile(r"[\w][\w. -]{0,99}", re.ASCII)
 
@@ -33,6 +37,8 @@ class LinkRecording:
         self._folder, self._orientation = folder, orientation
         self._lock = threading.Lock()
         self._writer: SequenceWriter | None = None
+        self._finisher = ThreadPoolExecutor(1, "recording")
+        self._finishing: set[str] = set()
 
     def start(self, name: str = "") -> str:
         """Begin a recording and return its file's name.
@@ -51,19 +57,39 @@ class LinkRecording:
         with self._lock:
             if self._writer is not None:
                 raise ValueError(f"{self._writer.path.name} is being recorded; stop it first")
+            if name in self._finishing:
+                raise ValueError(f"{name} is still being written; give another name")
             self._writer = SequenceWriter(self._folder / name, orientation=self._orientation)
         return name
 
-    def stop(self) -> tuple[str, int]:
-        """End the recording; return its file's name and how many frames it has; ValueError where there is none."""
+    def stop(self, said: Callable[[str, int], Said]) -> Future[Said]:
+        """End the recording, and have its file written by a thread of its own: it may have gigabytes.
+
+        Parameters
+        ----------
+        said : callable
+            What its result is made by once the file is there, of the file's name and how many frames it has.
+
+        Raises
+        ------
+        ValueError
+            There is none. The future raises it where the file could not be written.
+        """
         with self._lock:
             writer, self._writer = self._writer, None
-        if writer is None:
-            raise ValueError("nothing is being recorded; start it first")
+            if writer is None:
+                raise ValueError("nothing is being recorded; start it first")
+            self._finishing.add(writer.path.name)
+        return self._finisher.submit(lambda: said(*self._finish(writer)))
+
+    def _finish(self, writer: SequenceWriter) -> tuple[str, int]:
         try:
             writer.close()
         except OSError as error:
             raise ValueError(f"{writer.path.name} could not be written: {error}") from None
+        finally:
+            with self._lock:
+                self._finishing.discard(writer.path.name)
         return writer.path.name, writer.frames
 
     def add(self, messages: Iterable[igtl.Message]) -> None:
@@ -83,9 +109,8 @@ class LinkRecording:
             self._writer.add(image.voxels[0], igtl.seconds_of(stamp), placed)
 
     def close(self) -> None:
-        """End what is being recorded."""
-        if self._writer is not None:
-            try:
-                self.stop()
-            except ValueError as error:  # nobody asks for it any more
-                logger.warning("%s", error)
+        """End what is being recorded, and wait until it is written."""
+        last = self.stop(lambda name, frames: name) if self._writer is not None else None
+        self._finisher.shutdown()
+        if last is not None and (error := last.exception()) is not None:  # nobody asks for it any more
+            logger.warning("%s", error)

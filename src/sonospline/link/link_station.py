@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import re
-import threading
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import igtl
+from .._seldom import Seldom
 from ..io.pose_sequence import PoseSequence
 from ..simulator.command import ImageSettings
 from ..simulator.scene import Scene
@@ -36,7 +35,6 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_LINES_APART_S = 60.0
 _NUMBERED = re.compile(r"[-_ ]?\d+\Z")
 """What 3D Slicer puts behind the names of fiducials."""
 POSES = ("TRANSFORM", "POSITION", "QTRANS", "TDATA")
@@ -104,7 +102,7 @@ class LinkStation:
         self.transforms: Mapping[str, Array] = {}
         """The poses sent last, by name."""
         self._meshes: tuple[Scene, MeshMessages] | None = None
-        self._lock, self._said = threading.Lock(), -_LINES_APART_S
+        self._seldom = Seldom(logger)
         self.recording = LinkRecording(recordings, names.ImageOrientation)
         self._desk = CommandDesk(scanner_actions(self))
         self._scenes = SceneReceiver(self.frames, driven.load, self.warn)
@@ -128,12 +126,7 @@ class LinkStation:
 
     def warn(self, line: str) -> None:
         """Say in the log what was refused, once a minute."""
-        now = time.monotonic()
-        with self._lock:
-            if now - self._said < _LINES_APART_S:
-                return
-            self._said = now
-        logger.warning("refused: %s", line)
+        self._seldom.say(f"refused: {line}")
 
     def move(self, name: str, matrix: Array, source: str = "UpdateTransform") -> None:
         """Take a transform by its name; ValueError where it is about nothing here, or somebody else's."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -47,7 +48,8 @@ class Outcome(NamedTuple):
     xml: str = ""
 
 
-Action = Callable[[PlusCommand], Outcome]
+Action = Callable[[PlusCommand], Outcome | Future[Outcome]]
+"""What does a command: at once, or by a thread of its own, and then the reply waits for it."""
 
 
 class CommandDesk:
@@ -76,15 +78,26 @@ class CommandDesk:
             command = command_of(message)
             outcome = self._done_by(command)
         except (ValueError, OSError) as error:
-            command = _nameless(message)
-            outcome = Outcome(_FAILED, ok=False, error=str(error))
-        return [reply(command, outcome)]
+            return [reply(_nameless(message), _failed(error))]
+        if isinstance(outcome, Outcome):
+            return [reply(command, outcome)]
+        outcome.add_done_callback(lambda done: client.answer_soon(reply(command, _outcome_of(done))))
+        return []
 
-    def _done_by(self, command: PlusCommand) -> Outcome:
+    def _done_by(self, command: PlusCommand) -> Outcome | Future[Outcome]:
         action = self._actions.get(command.name.lower())
         if action is None:
             return Outcome(_FAILED, ok=False, error=f"Unknown command: {shown(command.name)}")
         return action(command)
+
+
+def _failed(error: BaseException) -> Outcome:
+    return Outcome(_FAILED, ok=False, error=str(error))
+
+
+def _outcome_of(done: Future[Outcome]) -> Outcome:
+    error = done.exception()
+    return done.result() if error is None else _failed(error)
 
 
 def is_command(message: igtl.Message) -> bool:

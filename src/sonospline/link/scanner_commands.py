@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import Future
 from importlib.metadata import version
 from typing import Any
 
@@ -55,8 +56,10 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         name = station.recording.start(command.attributes.get("OutputFilename", ""))
         return Outcome(f"Recording {name} started", {"OutputFilename": name})
 
-    def stop_recording(command: PlusCommand) -> Outcome:
-        name, frames = station.recording.stop()
+    def stop_recording(command: PlusCommand) -> Future[Outcome]:
+        return station.recording.stop(recorded)
+
+    def recorded(name: str, frames: int) -> Outcome:
         return Outcome(f"Recording {name} successful, {frames} frames", {"OutputFilename": name, "frames": str(frames)})
 
     def get_parameters(command: PlusCommand) -> Outcome:

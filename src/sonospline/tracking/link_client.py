@@ -5,16 +5,15 @@ from __future__ import annotations
 import logging
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterable
 
 from .. import _validate, igtl
+from .._seldom import Seldom
 
 logger = logging.getLogger(__name__)
 
 _CONNECT_S, _LOOK_S = 2.0, 0.2
 _PAUSE_S, _LONGEST_PAUSE_S = 0.1, 2.0
-_LINES_APART_S = 60.0
 _CHUNK = 1 << 18
 
 
@@ -67,7 +66,7 @@ class LinkClient:
         first = igtl.Message(igtl.Get("STATUS"), "", igtl.now())
         self._hello = b"".join(igtl.encode(message, version) for message in (first, *says))
         self._reads = None if reads is None else frozenset(reads)
-        self._ending, self._said = threading.Event(), -_LINES_APART_S
+        self._ending, self._seldom = threading.Event(), Seldom(logger)
         self.connected = False
         """Whether the server is there."""
         self.received = 0
@@ -97,7 +96,7 @@ class LinkClient:
                     self.connected, pause = True, _PAUSE_S
                     self._listen(stream)
             except (OSError, igtl.WireError) as error:
-                self._say(f"{self.host}:{self.port}: {error}; tried again")
+                self._seldom.say(f"{self.host}:{self.port}: {error}; tried again")
             self.connected = False
             self._ending.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE_S)
@@ -125,15 +124,8 @@ class LinkClient:
             message = igtl.decode_body(header, body)
             self._receive(message)
         except ValueError as error:
-            self._say(f"{self.host}:{self.port}: refused: {error}")
+            self._seldom.say(f"{self.host}:{self.port}: refused: {error}")
         except Exception as error:  # of whoever receives: the link goes on
             logger.error("%s:%d: %r was not taken", self.host, self.port, header.device, exc_info=error)
         else:
             self.received += 1
-
-    def _say(self, line: str) -> None:
-        """Say a line, once a minute."""
-        now = time.monotonic()
-        if now - self._said >= _LINES_APART_S:
-            logger.warning("%s", line)
-            self._said = now

@@ -79,6 +79,8 @@ class Contact(NamedTuple):
 class ForceLaw:
     """Hands that hold a needle each, all in the same frozen contact, tick by tick.
 
+    Threads may share the compiled one: each call is whole.
+
     Parameters
     ----------
     hands : int

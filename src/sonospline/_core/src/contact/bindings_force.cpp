@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <mutex>
 #include <tuple>
 #include <vector>
 
@@ -79,12 +80,20 @@ sono::ForceOptions options_of(const Values &numbers, int sweeps) {
 class Hands {
   public:
     Hands(std::size_t hands, const sono::ForceOptions &of_all) : options(of_all), laws_(hands, sono::ForceLaw(of_all)) {}
-    std::vector<sono::ForceLaw> &laws() { return laws_; }
+    std::size_t size() const { return laws_.size(); }
+
+    /// What `body` makes of the laws, one caller at a time, without the interpreter's lock.
+    template <class Body> auto use(const Body &body) {
+        const Outside outside;
+        const std::lock_guard<std::mutex> lock(in_use_);
+        return body(laws_);
+    }
 
     const sono::ForceOptions options;
 
   private:
     std::vector<sono::ForceLaw> laws_;
+    std::mutex in_use_;
 };
 
 void make_hands(Hands *self, std::ptrdiff_t hands, const Values &options, int sweeps) {
@@ -99,44 +108,59 @@ void renew(Hands &self, const Square &compliance, const Values &places, const Va
                                                 origin, lateral_stiffness, lateral_force),
                                         self.options);
     std::vector<std::shared_ptr<sono::PreparedContact>> each;
-    for (std::size_t i = 0; i < self.laws().size(); ++i) each.push_back(std::make_shared<sono::PreparedContact>(contact));
-    for (std::size_t i = 0; i < each.size(); ++i) self.laws()[i].renew(std::move(each[i]));
+    for (std::size_t i = 0; i < self.size(); ++i) each.push_back(std::make_shared<sono::PreparedContact>(contact));
+    self.use([&](std::vector<sono::ForceLaw> &laws) {
+        for (std::size_t i = 0; i < each.size(); ++i) laws[i].renew(std::move(each[i]));
+    });
 }
 
 NewValues tick(Hands &self, const Rows &positions, const Values &device_age, double contact_age) {
-    const std::size_t hands = self.laws().size();
+    const std::size_t hands = self.size();
     require(positions.shape(0) == hands && device_age.size() == hands, "positions or device_age is not one a hand");
     auto out = new_array<double, 2>({hands, 3});
-    const Outside outside;
-    for (std::size_t i = 0; i < hands; ++i) {
-        const double *p = positions.data() + 3 * i;
-        const sono::Vector3 force = self.laws()[i].tick({{p[0], p[1], p[2]}, device_age.data()[i], contact_age});
-        std::copy_n(force.data(), 3, out.data() + 3 * i);
-    }
+    double *forces = out.data();
+    self.use([&](std::vector<sono::ForceLaw> &laws) {
+        for (std::size_t i = 0; i < hands; ++i) {
+            const double *p = positions.data() + 3 * i;
+            const sono::Vector3 force = laws[i].tick({{p[0], p[1], p[2]}, device_age.data()[i], contact_age});
+            std::copy_n(force.data(), 3, forces + 3 * i);
+        }
+    });
     return out;
+}
+
+struct State {
+    std::size_t points = 0;
+    std::vector<double> forces, anchors, numbers;
+};
+
+/// Hands that have not been heard of since have another contact, which may have fewer points: zeros stand for those.
+State state_of(const std::vector<sono::ForceLaw> &laws) {
+    const auto points = [](const sono::ForceLaw &law) { return law.contact() ? law.contact()->contact.n : 0; };
+    State found;
+    for (const sono::ForceLaw &law : laws) found.points = std::max(found.points, points(law));
+    found.forces.assign(laws.size() * found.points, 0.0);
+    found.anchors = found.forces;
+    for (std::size_t i = 0; i < laws.size(); ++i) {
+        if (const sono::PreparedContact *contact = laws[i].contact()) {
+            const auto at = static_cast<std::ptrdiff_t>(i * found.points);
+            std::copy_n(contact->forces.data(), points(laws[i]), found.forces.begin() + at);
+            std::copy_n(contact->anchors.data(), points(laws[i]), found.anchors.begin() + at);
+        }
+        for (const double number : {laws[i].stretch(), laws[i].fade(), laws[i].stored()}) found.numbers.push_back(number);
+    }
+    return found;
 }
 
 /// Forces and anchors (hands, n), and stretch, fade and stored (hands, 3).
 auto state(Hands &self) {
-    auto &laws = self.laws();
-    // Hands that have not been heard of since have another contact, which may have fewer points: zeros stand for those.
-    const auto points = [](const sono::ForceLaw &law) { return law.contact() ? law.contact()->contact.n : 0; };
-    std::size_t n = 0;
-    for (const sono::ForceLaw &law : laws) n = std::max(n, points(law));
-    const std::size_t hands = laws.size();
-    auto forces = new_array<double, 2>({hands, n}), anchors = new_array<double, 2>({hands, n});
-    auto numbers = new_array<double, 2>({hands, 3});
-    for (std::size_t i = 0; i < hands; ++i) {
-        std::fill_n(forces.data() + i * n, n, 0.0);
-        std::fill_n(anchors.data() + i * n, n, 0.0);
-        if (const sono::PreparedContact *contact = laws[i].contact()) {
-            std::copy_n(contact->forces.data(), points(laws[i]), forces.data() + i * n);
-            std::copy_n(contact->anchors.data(), points(laws[i]), anchors.data() + i * n);
-        }
-        const double three[] = {laws[i].stretch(), laws[i].fade(), laws[i].stored()};
-        std::copy_n(three, 3, numbers.data() + 3 * i);
-    }
-    return std::tuple(forces, anchors, numbers);
+    const State found = self.use([](const std::vector<sono::ForceLaw> &laws) { return state_of(laws); });
+    const auto shown = [&self](const std::vector<double> &values, std::size_t columns) {
+        auto out = new_array<double, 2>({self.size(), columns});
+        std::copy(values.begin(), values.end(), out.data());
+        return out;
+    };
+    return std::tuple(shown(found.forces, found.points), shown(found.anchors, found.points), shown(found.numbers, 3));
 }
 
 // --- in real time ---

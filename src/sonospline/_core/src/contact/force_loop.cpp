@@ -65,11 +65,16 @@ ForceLoop::~ForceLoop() {
 
 double ForceLoop::now() { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); }
 
-bool ForceLoop::running() const { return thread_.joinable() && process_ == getpid(); }
+bool ForceLoop::ticks_here() const { return thread_.joinable() && process_ == getpid(); }
+
+bool ForceLoop::running() const {
+    std::lock_guard<std::mutex> lock(owner_);
+    return ticks_here();
+}
 
 void ForceLoop::start() {
     std::lock_guard<std::mutex> lock(owner_);
-    if (running()) return;
+    if (ticks_here()) return;
     if (thread_.joinable()) thread_.detach();  // it is its parent's, and did not come along by the fork
     law_ = std::make_unique<ForceLaw>(options_);
     if (contact_) law_->renew(contact_);
@@ -82,7 +87,7 @@ void ForceLoop::stop() {
     std::lock_guard<std::mutex> lock(owner_);
     if (!thread_.joinable()) return;
     stopping_.store(true);
-    if (running())
+    if (ticks_here())
         thread_.join();
     else
         thread_.detach();

@@ -90,9 +90,10 @@ class ForceLoop {
 
     void run() noexcept;
     void tick() noexcept;
+    bool ticks_here() const;  // with owner_
 
     const ForceOptions options_;
-    std::mutex owner_;                          // of those who start, stop, publish and place; never of the loop
+    mutable std::mutex owner_;                  // of those who start, stop, place and ask; never of the loop
     std::thread thread_;
     pid_t process_ = 0;
     std::atomic<bool> stopping_{false};
