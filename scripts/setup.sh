@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Everything that ./run, ./test and make need, made once: .venv, the page, and the system's packages for them.
 #   scripts/setup.sh [--no-install] PART...    parts: run, dev, page, browser, fenicsx, openigtlink,
-#                                            postgresql, slicer
+#                                            postgresql, slicer, ros
 # A part that is ready costs a moment. What an interrupted start left is mended by the next one; two at once take turns.
 
 here=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -187,22 +187,25 @@ make_node_modules() {
     rm -rf build/web
 }
 
-# --- 3D Slicer's own core, for the tests, in an environment of its own: it pins another VTK
+# --- programs of others, for tests, each in an environment of its own in build/: 3D Slicer's core pins another VTK
 
-slicer=build/slicer
-slicer_pins=tests/oracles/slicer.txt
+fresh_slicer() { has_own slicer; }
+make_slicer() { make_own slicer "3D Slicer's core" "1 GB"; }
+fresh_ros() { has_own ros; }
+make_ros() { make_own ros "rclpy of ROS 2" "400 MB"; }
 
-# The stamp comes last: an interrupted installation is made anew.
-fresh_slicer() { cmp -s "$slicer_pins" "$slicer/pins"; }
+# The pins are copied last: an interrupted installation is made anew.
+has_own() { cmp -s "tests/oracles/$1.txt" "build/$1/pins"; }
 
-make_slicer() {
-    ! fresh_slicer || return 0
-    say "installing 3D Slicer's core into $slicer (1 GB, a minute or two)"
+# make_own NAME WHAT SIZE
+make_own() {
+    ! has_own "$1" || return 0
+    say "installing $2 into build/$1 ($3, a minute or two)"
     find_whole_environment || find_python
-    quietly "$python -m venv $slicer" "$python" -m venv --clear "$slicer"
-    quietly "pip install -r $slicer_pins" "$slicer/bin/python" -m pip install --no-input --disable-pip-version-check \
-        --requirement "$slicer_pins"
-    cp "$slicer_pins" "$slicer/pins"
+    quietly "$python -m venv build/$1" "$python" -m venv --clear "build/$1"
+    quietly "pip install -r tests/oracles/$1.txt" "build/$1/bin/python" -m pip install --no-input \
+        --disable-pip-version-check --requirement "tests/oracles/$1.txt"
+    cp "tests/oracles/$1.txt" "build/$1/pins"
 }
 
 # --- the system's programs

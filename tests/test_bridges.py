@@ -1,16 +1,23 @@
 """Bridges of the docs, where their client libraries are installed."""
 
 import importlib.util
+import json
+import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from link_client import eventually
+from link_poses import turned
 from sonospline import igtl
 from sonospline.link import LinkServer
 
-BRIDGES = Path(__file__).parents[1] / "docs" / "bridges"
+ROOT = Path(__file__).parents[1]
+BRIDGES = ROOT / "docs" / "bridges"
+ROS_PYTHON = Path(os.environ.get("SONOSPLINE_ROS_PYTHON", ROOT / "build" / "ros" / "bin" / "python"))
 
 
 def program(name):
@@ -40,3 +47,20 @@ def test_forces_reach_lsl():
             return inlet.pull_sample(timeout=0.5)[0]
 
         assert eventually(lambda: np.allclose(arrived() or 0, (0.5, -0.25, 1.5, 1.25)), 20)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not ROS_PYTHON.is_file(), reason="scripts/setup.sh ros installs rclpy")
+def test_poses_reach_ros():
+    """In metres, turned as they were, under their name."""
+    pose = turned(5)
+    done = subprocess.run(
+        [ROS_PYTHON, ROOT / "tests" / "oracles" / "ros_hears.py", BRIDGES / "ros2_bridge.py", *map(str, pose.ravel())],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "SONOSPLINE_BACKEND": "numpy"},
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    heard = json.loads(done.stdout)
+    assert heard["frame"] == "Reference"
+    np.testing.assert_allclose(heard["place"], pose[:3, 3] / 1000, atol=1e-6)
+    np.testing.assert_allclose(Rotation.from_quat(heard["turn"]).as_matrix(), pose[:3, :3], atol=1e-5)

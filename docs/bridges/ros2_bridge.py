@@ -1,4 +1,4 @@
-"""Poses of a link as messages of ROS 2. Needs rclpy, which comes with ROS 2.
+"""Poses of a link as messages of ROS 2. Needs rclpy: with ROS 2, or ros-rclpy[fastrtps] and ros-geometry-msgs of PyPI.
 
 python ros2_bridge.py
 """
