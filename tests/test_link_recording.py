@@ -57,6 +57,20 @@ def test_a_client_has_a_recording_made(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["hand.igs.mha"]
 
 
+def test_a_client_has_the_device_set_saved(tmp_path):
+    scene = make_scene(SceneFile.parse(SMALL_BLOCK))
+    with (
+        Scanner(ss.Session(scene, model="kelvinlet"), port=0, recordings=tmp_path) as scanner,
+        LinkClient(scanner.server.port) as client,
+    ):
+        assert "saved as lab.xml" in command(client, 1, "SaveConfig", Filename="lab")["Message"]
+        assert "is there already" in command(client, 2, "SaveConfig", Filename="lab.xml")["Message"]
+        assert "no plain name" in command(client, 3, "SaveConfig", Filename="../lab.xml")["Message"]
+        root = ElementTree.parse(tmp_path / "lab.xml").getroot()
+        ports = {device.attrib.get("ServerPort") for device in root.iter("Device")} - {None}
+        assert ports == {str(scanner.server.port)}
+
+
 def test_a_recording_is_written_while_the_link_goes_on(tmp_path, monkeypatch):
     """However long it takes, or fails: others are answered meanwhile, and its reply comes when it is there."""
     begun, may_end, close = Event(), Event(), SequenceWriter.close

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 HELP = "write a scene of 3D Slicer, and a device set of PLUS, for what sonospline link sends"
-_PLUS = "PlusDeviceSet_Sonospline.xml"
 EXAMPLES = """examples:
   sonospline slicer-scene --out out                              # out/sonospline.mrb, for sonospline link
   sonospline slicer-scene --scene gel --watch vessel --out out   # with SlicerIGT's Breach Warning
@@ -36,6 +35,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the bundle; return its summary."""
     from ..io.staging import staged_folder
     from ..io.writing import write_text
+    from ..link.device_set import FILE, device_set_of
     from ..link.scanner_names import ScannerNames
     from ..link.slicer_scene import slicer_scene
     from ..simulator.session import Session
@@ -48,25 +48,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     scene = slicer_scene(session, names, host=args.host, port=args.port, drive=args.drive, watch=args.watch)
     with staged_folder(args.out) as folder:
         scene.write(folder / "sonospline.mrb")
-        write_text(folder / _PLUS, plus_device_set_of(names or ScannerNames(), args.host, args.port))
+        write_text(folder / FILE, device_set_of(names or ScannerNames(), args.host, args.port))
     return {
         "scene": session.scene.spec.name,
-        "files": ["sonospline.mrb", _PLUS],
+        "files": ["sonospline.mrb", FILE],
         "nodes": scene.nodes,
         "port": args.port,
     }
-
-
-def plus_device_set_of(names: Any, host: str, port: int) -> str:
-    """Return PLUS's file for a link of these names."""
-    from ..link.coordinate_frames import CoordinateFrames
-    from ..tracking.plus_device_set import plus_device_set
-
-    frames = CoordinateFrames(names)
-    return plus_device_set(
-        host=host, port=port, tools=(frames.probe, frames.needle, frames.tip), reference=frames.reference,
-        rate=names.AcquisitionRate, orientation=names.ImageOrientation,
-    )  # fmt: skip
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:

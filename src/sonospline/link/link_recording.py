@@ -48,19 +48,23 @@ class LinkRecording:
         ValueError
             There is no folder, one is being written, or a name that is none in this folder.
         """
-        if self._folder is None:
-            raise ValueError("there is no folder for recordings; start sonospline link with --recordings FOLDER")
         name = name or f"TrackedSequence_{datetime.now():%Y%m%d_%H%M%S}{SUFFIX}"
-        if not _NAME.fullmatch(name):
-            raise ValueError("OutputFilename is no plain name; give one without folders, as hand.igs.mha")
-        name = name if name.endswith(SUFFIX) else f"{name.split('.')[0]}{SUFFIX}"
+        path = self.place(name if name.endswith(SUFFIX) else f"{name.split('.')[0]}{SUFFIX}")
         with self._lock:
             if self._writer is not None:
                 raise ValueError(f"{self._writer.path.name} is being recorded; stop it first")
-            if name in self._finishing:
-                raise ValueError(f"{name} is still being written; give another name")
-            self._writer = SequenceWriter(self._folder / name, orientation=self._orientation)
-        return name
+            if path.name in self._finishing:
+                raise ValueError(f"{path.name} is still being written; give another name")
+            self._writer = SequenceWriter(path, orientation=self._orientation)
+        return path.name
+
+    def place(self, name: str) -> Path:
+        """Return where a file of that name goes; ValueError where there is no folder, or it is no plain name."""
+        if self._folder is None:
+            raise ValueError("there is no folder for recordings; start sonospline link with --recordings FOLDER")
+        if not _NAME.fullmatch(name):
+            raise ValueError("the file has no plain name; give one without folders, as hand.igs.mha")
+        return self._folder / name
 
     def stop(self, said: Callable[[str, int], Said]) -> Future[Said]:
         """End the recording, and have its file written by a thread of its own: it may have gigabytes.

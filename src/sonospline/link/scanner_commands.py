@@ -11,6 +11,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from .._shown import shown
+from ..io.writing import write_text
+from .device_set import FILE, device_set_of
 from .plus_commands import Action, Outcome, PlusCommand, parameters_xml
 
 _SETTINGS = {"DepthMm": "depth", "FrequencyMhz": "frequency", "GainPercent": "gain"}
@@ -62,6 +64,14 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
     def recorded(name: str, frames: int) -> Outcome:
         return Outcome(f"Recording {name} successful, {frames} frames", {"OutputFilename": name, "frames": str(frames)})
 
+    def save_config(command: PlusCommand) -> Outcome:
+        name = command.attributes.get("Filename", FILE)
+        path = station.recording.place(name if name.endswith(".xml") else f"{name}.xml")
+        if path.exists():
+            raise ValueError(f"{path.name} is there already; give a new name")
+        write_text(path, device_set_of(names, station.server.host, station.server.port))
+        return Outcome(f"Configuration saved as {path.name}", {"Filename": path.name})
+
     def get_parameters(command: PlusCommand) -> Outcome:
         values = {name: _shown(station, name) for name in command.parameters}
         return _about(values, {name: value for name, value in values.items() if value is not None}, shows=True)
@@ -81,7 +91,7 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         "RequestDeviceChannelIds": ids(names.OutputChannel), "GetTransform": get_transform,
         "UpdateTransform": update_transform, "GetUsParameter": get_parameters, "SetUsParameter": set_parameters,
         "Version": lambda command: said, "Clutch": clutch,
-        "StartRecording": start_recording, "StopRecording": stop_recording,
+        "StartRecording": start_recording, "StopRecording": stop_recording, "SaveConfig": save_config,
     }  # fmt: skip
 
 
