@@ -83,6 +83,20 @@ def flow() -> None:
     figure.savefig(IMAGES / "ultrasound_flow.png", dpi=85)
 
 
+def textures() -> None:
+    """Four tissues without and with their textures."""
+    figure = blank(16, 9.2)
+    pose = facing((30, 12, 0), depth=(0, 0, 1), right=(1, 0, 0))
+    names = ("muscle", "fat", "liver", "kidney cortex")
+    for row, panels in enumerate(figure.subplots(2, 4)):
+        for panel, name in zip(panels, names, strict=True):
+            phantom = Phantom.uniform(name, size_mm=(60, 24, 50))
+            seen = phantom.textured() if row else phantom
+            Scanner(seen, Probe.linear(frequency_mhz=6, depth_mm=42), pose, **REAL).render().plot(panel)
+            panel.set_title(name)
+    figure.savefig(IMAGES / "ultrasound_textures.png", dpi=70)
+
+
 def slices() -> None:
     """The paper's slice and the continuous one."""
     field = ss.Insertion(ss.Tissue(ss.Grid.unit_cube(25))).advance(needle := ss.Needle((0, 0.5, 0.5), (0.6, 0.5, 0.5)))
@@ -177,7 +191,7 @@ def _width(grey: np.ndarray, axis: int) -> float:
     return 2 * (below - 1 + (lags[below - 1] - 0.5) / (lags[below - 1] - lags[below]))
 
 
-PICTURES = {"slices": slices, "kidney": kidney, "flow": flow}
+PICTURES = {"slices": slices, "kidney": kidney, "flow": flow, "textures": textures}
 REAL_DATA = {"abdomen": abdomen, "sweep": sweep, "liver": liver}
 
 

@@ -17,11 +17,11 @@ from sonospline.io.labels import names_beside, names_of
 from sonospline.io.tables import read_names
 from sonospline.io.volumes import write_volume
 from sonospline.mechanics import Material, TissueMap, read_label_names
+from sonospline.phantoms.phantom_file import read_phantom
 from sonospline.simulator import SceneFile
 from sonospline.ultrasound import Phantom
 from sonospline.ultrasound.acoustics import read_table
 from sonospline.ultrasound.organs import phantom_from_organs
-from sonospline.ultrasound.phantom_file import read_phantom
 
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 

@@ -17,13 +17,13 @@ from ..geometry.pose import facing
 from ..io.labels import warn_of_labels
 from ..io.volumes import read_volume
 from ..phantoms.kidney import kidney_phantom
+from ..phantoms.phantom_file import read_phantom
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
 from ..ultrasound.doppler import Doppler
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.phantom import Phantom
-from ..ultrasound.phantom_file import read_phantom
 from ..ultrasound.probe import PROBES
 from ..ultrasound.reslice import Reslicer, swept
 from ..ultrasound.synthesis import Scanner

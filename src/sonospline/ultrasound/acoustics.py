@@ -15,11 +15,17 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .. import _validate
 from ..io.tables import read_by_label
 from ..io.writing import write_text
+from .textures import KINDS, texture_map
+
+Texture = Literal["blobs", "fibres", "strands", "triads"]
 
 NO_ECHO = -200.0
 """Backscatter of a fluid, dB: none."""
@@ -42,7 +48,7 @@ class AcousticTissue:
     texture_db : float, default: 0
         Standard deviation of the level from place to place (fibres, lobules).
     texture_mm : (float, float, float), default: (3, 3, 3)
-        Correlation length of that along the phantom's axes.
+        Correlation length of that along the texture's direction, and across it: along the phantom's axes by default.
     source : str, default: ""
         Where the numbers come from.
     roughness_db : float, default: -15
@@ -50,6 +56,16 @@ class AcousticTissue:
         rougher counts. Set by eye.
     wall_mm : float, default: 0
         Thickness of the wall around it, where it is a fluid: of a vessel, a bladder.
+    texture : {"blobs", "fibres", "strands", "triads"}, default: "blobs"
+        What varies: smoothly; thin bright sheets as between the fibrils of muscle; a wide net of them as the septa of
+        fat; bright-walled tubes as the portal triads of liver.
+    texture_direction : (float, float, float), default: (1, 0, 0)
+        Along what, in the phantom's axes.
+
+    Raises
+    ------
+    ValueError
+        A number that is not finite or out of range, an unknown texture, or a direction of length zero.
     """
 
     name: str
@@ -62,6 +78,8 @@ class AcousticTissue:
     source: str = field(default="", repr=False)
     roughness_db: float = -15.0
     wall_mm: float = 0.0
+    texture: Texture = "blobs"
+    texture_direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("speed_m_s", "density_kg_m3"):
@@ -73,8 +91,22 @@ class AcousticTissue:
                 f"backscatter_db = {self.backscatter_db} of {self.name}; give {NO_ECHO:g} to 40 dB re liver"
             )
 
+        for axis, length in enumerate(self.texture_mm):
+            _validate.number(f"texture_mm[{axis}]", length, positive=True)
+        _validate.choice("texture", self.texture, KINDS)
+        texture_map(self.texture_direction, self.texture_mm)
         if not -60 <= self.roughness_db <= 0:
             raise ValueError(f"roughness_db = {self.roughness_db} of {self.name}; give -60 to 0 dB below a mirror")
+
+    @property
+    def texture_kind(self) -> int:
+        """The texture's number among all."""
+        return KINDS.index(self.texture)
+
+    @property
+    def texture_map(self) -> NDArray[np.float64]:
+        """What takes mm along the phantom's axes to voxels of the texture, (3, 3)."""
+        return texture_map(self.texture_direction, self.texture_mm)
 
     @property
     def impedance(self) -> float:
@@ -142,6 +174,36 @@ TISSUES: dict[str, AcousticTissue] = {
     for tissue in _DEFAULTS
 }
 """The default table, by name."""
+
+_TEXTURES: dict[str, dict[str, Any]] = {
+    "muscle": {"texture": "fibres", "texture_db": 4.2, "texture_mm": (16.0, 8.0, 1.7)},
+    "fat": {"texture": "strands", "texture_db": 3.2, "texture_mm": (6.0, 6.0, 1.5)},
+    "perirenal fat": {"texture": "strands", "texture_db": 2.2, "texture_mm": (7.0, 7.0, 3.0)},
+    "liver": {
+        "texture": "triads", "texture_db": 2.2, "texture_mm": (2.4, 2.4, 2.4), "texture_direction": (0.8, 0.5, 0.33)
+    },
+    "spleen": {
+        "texture": "triads", "texture_db": 1.2, "texture_mm": (1.6, 1.6, 1.6), "texture_direction": (0.8, 0.5, 0.33)
+    },
+    "kidney cortex": {"texture_db": 1.4, "texture_mm": (2.0, 2.0, 2.0)},
+    "kidney medulla": {"texture": "fibres", "texture_db": 1.2, "texture_mm": (5.0, 1.0, 1.0)},
+    "sinus fat": {"texture": "strands", "texture_db": 2.2, "texture_mm": (2.5, 2.5, 1.5)},
+}  # fmt: skip
+"""How tissues vary from place to place, where they are given textures: set by eye; oblique ones hide their period."""
+
+
+def textured(tissue: AcousticTissue, direction: tuple[float, float, float] | None = None) -> AcousticTissue:
+    """Return a tissue with the texture that its kind has, along a direction of its own where one is given.
+
+    Examples
+    --------
+    >>> from sonospline.ultrasound.acoustics import TISSUES, textured
+    >>> textured(TISSUES["muscle"]).texture, textured(TISSUES["urine"]).texture
+    ('fibres', 'blobs')
+    """
+    changed = replace(tissue, **_TEXTURES.get(tissue.name, {}))
+    return changed if direction is None else replace(changed, texture_direction=direction)
+
 
 _COLUMNS = ("name", "speed_m_s", "density_kg_m3", "attenuation_db_cm_mhz", "backscatter_db", "texture_db", "source")
 

@@ -18,7 +18,7 @@ from ..geometry.label_map import LabelMap
 from ..geometry.volume import Volume
 from ..io.volumes import to_sitk
 from ..io.writing import write_image
-from .acoustics import NO_ECHO, TISSUES, AcousticTissue, write_table
+from .acoustics import NO_ECHO, TISSUES, AcousticTissue, textured, write_table
 from .flow import Flow
 from .interfaces import Interfaces
 from .scatterers import echo_scene
@@ -116,6 +116,11 @@ class Phantom(ByValue):
         other = object.__new__(Phantom)
         other.__dict__.update(labels=self.labels, tissues={**self.tissues, **silent}, flows=())
         return other
+
+    def textured(self) -> Phantom:
+        """Return the phantom with textures: fibrils, septa, portal triads, as each tissue's name has them."""
+        tissues = {label: textured(tissue) for label, tissue in self.tissues.items()}
+        return Phantom(self.labels, tissues, flows=self.flows)
 
     def _label_in(self, flow: Flow) -> int:
         lattice = self.labels.lattice

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .. import _core
 from .acoustics import NO_ECHO, TISSUES
 from .interfaces import NUMBERS
+from .textures import textures
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,6 @@ _PATTERNS = 64
 _LONGEST = 512
 _ASTRAY = 0.1
 """Share of scatterers at random places."""
-_TEXTURE_VOXELS = 3.0
 _SOBOL_BITS = 24
 _OPAQUE_DB = 8.0
 """dB/cm/MHz beyond which no beam comes back: of bone and gas."""
@@ -38,26 +38,13 @@ def echo_scene(labels: NDArray[np.uint8], spacing: tuple[float, float, float], t
     """Return the core's phantom, which chooses scatterers: a label map and, by label, each property of its tissue."""
     places, signs = _patterns()
     opaque = (table("attenuation_db_cm_mhz") > _OPAQUE_DB).astype(float)
-    rough, texture_step = 10 ** (table("roughness_db") / 20), _TEXTURE_VOXELS / table("texture_mm")
+    rough, kinds = 10 ** (table("roughness_db") / 20), table("texture_kind")
     return _core.active.EchoScene(
         labels, spacing, table("impedance"), rough, table("wall_mm"), TISSUES["vessel wall"].impedance, opaque,
-        table("backscatter_db"), table("texture_db"), np.ascontiguousarray(texture_step), _texture(), places, signs,
-        NUMBERS, NO_ECHO,
+        table("backscatter_db"), table("texture_db"), kinds, table("texture_map"),
+        textures(int(kinds.max()) + 1), places,
+        signs, NUMBERS, NO_ECHO,
     )  # fmt: skip
-
-
-@lru_cache(maxsize=1)
-def _texture() -> NDArray[np.float32]:
-    """A periodic random volume of mean 0 and standard deviation 1, smooth over three voxels."""
-    noise = np.random.default_rng(7).standard_normal((56, 56, 56)).astype(np.float32)
-    offsets = range(-5, 6)
-    weights = np.exp(-0.5 * (np.array(offsets) / 1.3) ** 2)
-    weights /= weights.sum()
-    # as scipy.ndimage.gaussian_filter does, whose import takes ten times as long
-    for axis in range(3):
-        rolled = (weight * np.roll(noise, k, axis) for k, weight in zip(offsets, weights, strict=True))
-        noise = sum(rolled, np.zeros(noise.shape)).astype(np.float32)
-    return (noise - noise.mean()) / noise.std()
 
 
 @lru_cache(maxsize=1)

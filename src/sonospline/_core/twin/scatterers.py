@@ -88,7 +88,8 @@ class EchoScene:
         opaque: Array,
         level_db: Array,
         texture_db: Array,
-        texture_step: Array,
+        texture_kind: Array,
+        texture_map: Array,
         texture: Floats,
         places: Floats,
         signs: Floats,
@@ -96,8 +97,10 @@ class EchoScene:
         no_echo: float,
     ) -> None:
         require_spacing(spacing)
-        side, patterns = len(texture), len(places)
-        require(side >= 2 and texture.shape == (side,) * 3, "texture is no cube of 2 or more")
+        side, patterns = texture.shape[1], len(places)
+        require(side >= 2 and texture.shape[1:] == (side,) * 3, "texture is no cubes of 2 or more")
+        known = ((texture_kind >= 0) & (texture_kind < len(texture))).all()
+        require(bool(known), "texture_kind has a number that is no texture's")
         require(
             patterns > 0 and patterns & (patterns - 1) == 0 and signs.shape == (patterns, places.shape[2]),
             "places and signs differ in length, or are no power of two",
@@ -110,7 +113,8 @@ class EchoScene:
         self.labels, self.spacing, self.impedance = labels, np.array(spacing), impedance
         self.rough, self.wall_mm, self.wall_impedance = rough, wall_mm, wall_impedance
         self.opaque = opaque
-        self.level_db, self.texture_db, self.texture_step, self.texture = level_db, texture_db, texture_step, texture
+        self.level_db, self.texture_db, self.texture = level_db, texture_db, texture
+        self.texture_kind, self.texture_map = texture_kind, texture_map
         self.places, self.signs, self.numbers, self.no_echo = places, signs, interfaces, no_echo
 
     def interfaces(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -295,9 +299,12 @@ class EchoScene:
         labels = self.labels[tuple(np.clip(index, 0, shape - 1).T)]
         level = np.where(inside & (self.level_db > self.no_echo)[labels], self.level_db[labels], -np.inf)
         varies = np.flatnonzero((self.texture_db[labels] > 0) & inside)
-        place = local[varies] * self.texture_step[labels[varies]]
-        noise = map_coordinates(self.texture, place.T, output=np.float64, order=1, mode="grid-wrap")
-        level[varies] += self.texture_db[labels[varies]] * noise
+        kinds = self.texture_kind[labels[varies]].astype(int)
+        for kind in np.unique(kinds):
+            of = varies[kinds == kind]
+            place = np.einsum("mab,mb->am", self.texture_map[labels[of]], local[of])
+            noise = map_coordinates(self.texture[kind], place, output=np.float64, order=1, mode="grid-wrap")
+            level[of] += self.texture_db[labels[of]] * noise
         return level
 
 

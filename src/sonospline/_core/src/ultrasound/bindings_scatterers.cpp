@@ -20,8 +20,8 @@ namespace {
 
 using Labels = Array<std::uint8_t, -1, -1, -1>;
 using PerLabel = Array<double, 256>;
-using Steps = Array<double, 256, 3>;
-using Volume = Array<float, -1, -1, -1>;
+using Maps = Array<double, 256, 3, 3>;
+using Volumes = Array<float, -1, -1, -1, -1>;
 using Places = Array<float, -1, 3, -1>;
 using Table = Array<float, -1, -1>;
 using Affine34 = Array<double, 3, 4>;
@@ -36,9 +36,9 @@ sono::Affine34 affine(const Affine34 &m) {
 class EchoScene {
   public:
     EchoScene(const Labels &labels, const std::array<double, 3> &spacing, const PerLabel &impedance,
-              const PerLabel &rough, const PerLabel &wall_mm, double wall_impedance, const PerLabel &opaque, const PerLabel &level_db, const PerLabel &texture_db, const Steps &texture_step, const Volume &texture,
-              const Places &places, const Table &signs, const std::array<double, 7> &interfaces, double no_echo)
-        : labels_(labels), impedance_(impedance), rough_(rough), wall_(wall_mm), wall_impedance_(wall_impedance), opaque_(opaque), level_(level_db), texture_db_(texture_db), step_(texture_step),
+              const PerLabel &rough, const PerLabel &wall_mm, double wall_impedance, const PerLabel &opaque, const PerLabel &level_db, const PerLabel &texture_db, const PerLabel &texture_kind, const Maps &texture_map,
+              const Volumes &texture, const Places &places, const Table &signs, const std::array<double, 7> &interfaces, double no_echo)
+        : labels_(labels), impedance_(impedance), rough_(rough), wall_(wall_mm), wall_impedance_(wall_impedance), opaque_(opaque), level_(level_db), texture_db_(texture_db), kind_(texture_kind), map_(texture_map),
           texture_(texture), places_(places), signs_(signs), scene_(tables(spacing), numbers(interfaces), no_echo) {}
 
     auto interfaces() {
@@ -98,17 +98,20 @@ class EchoScene {
 
   private:
     sono::EchoTables tables(const std::array<double, 3> &spacing) const {
-        const std::size_t side = texture_.shape(0), patterns = places_.shape(0);
+        const std::size_t kinds = texture_.shape(0), side = texture_.shape(1), patterns = places_.shape(0);
         const auto shape = lattice_of(labels_);
         require(*std::max_element(shape.begin(), shape.end()) <= sono::kMostAlongAxis, "labels has too long an axis");
         sono::require_spacing(spacing);
-        require(side >= 2 && lattice_of(texture_) == std::array{side, side, side}, "texture is no cube of 2 or more");
+        require(side >= 2 && texture_.shape(2) == side && texture_.shape(3) == side, "texture is no cubes of 2 or more");
+        require(std::all_of(kind_.data(), kind_.data() + kind_.size(),
+                            [=](double kind) { return kind >= 0 && kind < static_cast<double>(kinds); }),
+                "texture_kind has a number that is no texture's");
         require(patterns > 0 && (patterns & (patterns - 1)) == 0 && signs_.shape(0) == patterns &&
                     signs_.shape(1) == places_.shape(2),
                 "places and signs differ in length, or are no power of two");
         require(signs_.shape(1) <= sono::kMostInBrick, "signs has more than 512 columns");
         return {{labels_.data(), shape, spacing},
-                impedance_.data(), rough_.data(), wall_.data(), wall_impedance_, opaque_.data(), level_.data(), texture_db_.data(), step_.data(), texture_.data(), side,
+                impedance_.data(), rough_.data(), wall_.data(), wall_impedance_, opaque_.data(), level_.data(), texture_db_.data(), kind_.data(), map_.data(), texture_.data(), kinds, side,
                 places_.data(), signs_.data(), patterns, places_.shape(2)};
     }
     static sono::InterfaceNumbers numbers(const std::array<double, 7> &n) {
@@ -120,9 +123,9 @@ class EchoScene {
     Labels labels_;
     PerLabel impedance_, rough_, wall_;
     double wall_impedance_;
-    PerLabel opaque_, level_, texture_db_;
-    Steps step_;
-    Volume texture_;
+    PerLabel opaque_, level_, texture_db_, kind_;
+    Maps map_;
+    Volumes texture_;
     Places places_;
     Table signs_;
     sono::EchoScene scene_;
@@ -133,9 +136,9 @@ class EchoScene {
 void bind_scatterers(nb::module_ &m) {
     nb::class_<EchoScene>(m, "EchoScene")
         .def(nb::init<const Labels &, const std::array<double, 3> &, const PerLabel &, const PerLabel &,
-                      const PerLabel &, double, const PerLabel &, const PerLabel &, const PerLabel &, const Steps &, const Volume &, const Places &, const Table &,
+                      const PerLabel &, double, const PerLabel &, const PerLabel &, const PerLabel &, const PerLabel &, const Maps &, const Volumes &, const Places &, const Table &,
                       const std::array<double, 7> &, double>(),
-             "labels"_a, "spacing"_a, "impedance"_a, "rough"_a, "wall_mm"_a, "wall_impedance"_a, "opaque"_a, "level_db"_a, "texture_db"_a, "texture_step"_a, "texture"_a,
+             "labels"_a, "spacing"_a, "impedance"_a, "rough"_a, "wall_mm"_a, "wall_impedance"_a, "opaque"_a, "level_db"_a, "texture_db"_a, "texture_kind"_a, "texture_map"_a, "texture"_a,
              "places"_a, "signs"_a, "interfaces"_a, "no_echo"_a)
         .def("interfaces", &EchoScene::interfaces)
         .def("prepare", &EchoScene::prepare, nb::call_guard<Outside>())

@@ -165,17 +165,20 @@ std::vector<const InterfaceBlock *> EchoScene::surfaces(const View &view) {
 // How a label's level departs from its mean at a place (scene lattice mm), as an amplitude.
 double EchoScene::texture(int label, const double place[3]) const {
     const auto side = static_cast<double>(tables_.texture_side);
+    const std::size_t voxels = tables_.texture_side * tables_.texture_side * tables_.texture_side;
+    const float *volume = tables_.texture + voxels * static_cast<std::size_t>(tables_.texture_kind[label]);
     std::size_t low[3], high[3];
     double t[3];
     for (int a = 0; a < 3; ++a) {
-        const double index = place[a] * tables_.texture_step[3 * label + a];
+        const double *row = tables_.texture_map + 9 * label + 3 * a;
+        const double index = place[0] * row[0] + place[1] * row[1] + place[2] * row[2];
         const double at = std::max(0.0, index - side * below(index / side));
         low[a] = whole_within<std::size_t>(at, 0.0, side - 1);
         t[a] = at - static_cast<double>(low[a]);
         high[a] = low[a] + 1 == tables_.texture_side ? 0 : low[a] + 1;
     }
     const auto row = [&](std::size_t i, std::size_t j) {
-        const float *from = tables_.texture + (i * tables_.texture_side + j) * tables_.texture_side;
+        const float *from = volume + (i * tables_.texture_side + j) * tables_.texture_side;
         return from[low[2]] + t[2] * (from[high[2]] - static_cast<double>(from[low[2]]));
     };
     const auto face = [&](std::size_t i) {

@@ -22,9 +22,10 @@ struct EchoTables {
     const double *opaque;        // not 0 for what no beam leaves again: its surface is not seen from inside
     const double *level_db;      // at no_echo or below: nothing
     const double *texture_db;    // how far the level varies from place to place
-    const double *texture_step;  // (256, 3) voxels of `texture` per mm
-    const float *texture;        // (side, side, side), periodic
-    std::size_t texture_side;
+    const double *texture_kind;  // which of the textures; a whole number
+    const double *texture_map;   // (256, 3, 3) from mm to voxels of a texture
+    const float *texture;        // (kinds, side, side, side), periodic
+    std::size_t texture_kinds, texture_side;
     const float *places;  // (patterns, 3, longest) in a unit brick
     const float *signs;   // (patterns, longest)
     std::size_t patterns, longest;

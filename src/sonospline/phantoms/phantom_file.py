@@ -7,9 +7,9 @@ from os import PathLike
 from ..io.labels import labels_named, read_labels
 from ..io.tables import read_names
 from ..io.volumes import read_volume
-from .acoustics import read_table
-from .organs import LARGEST_ORGAN, phantom_from_organs
-from .phantom import LARGEST_LABEL, Phantom
+from ..ultrasound.acoustics import read_table
+from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
+from ..ultrasound.phantom import LARGEST_LABEL, Phantom
 
 Path = str | PathLike[str]
 
@@ -41,7 +41,7 @@ def read_phantom(
     >>> from pathlib import Path
     >>> import numpy as np
     >>> import sonospline as ss
-    >>> from sonospline.ultrasound.phantom_file import read_phantom
+    >>> from sonospline.phantoms.phantom_file import read_phantom
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     voxels = np.full((8, 8, 8), 5, np.uint8)
     ...     ss.write_volume(ss.Volume(voxels=voxels, spacing=(1, 1, 1)), folder + "/organs.nrrd")
