@@ -19,7 +19,7 @@ from sonospline.fields import NodeSlice, PlaneSlice
 from sonospline.geometry import ImagePlane, facing
 from sonospline.io.canvas import blank
 from sonospline.io.volumes import read_volume
-from sonospline.phantoms import kidney_phantom
+from sonospline.phantoms import kidney_phantom, wide_kidney_phantom
 from sonospline.phantoms.generated import gel_block
 from sonospline.ultrasound import (
     Artefacts,
@@ -95,6 +95,23 @@ def textures() -> None:
             Scanner(seen, Probe.linear(frequency_mhz=6, depth_mm=42), pose, **REAL).render().plot(panel)
             panel.set_title(name)
     figure.savefig(IMAGES / "ultrasound_textures.png", dpi=70)
+
+
+def wide_kidney() -> None:
+    """Across the kidney with nothing around it, and with its neighbours; and where the pleura begins."""
+    across = facing((62, 58, 8), depth=(0, 0, 1), right=(0, 1, 0))
+    wide = wide_kidney_phantom().phantom
+    seen = [
+        Scanner(phantom, Probe.curvilinear(depth_mm=125), across, **REAL).render().frame
+        for phantom in (kidney_phantom().phantom, wide.textured())
+    ]
+    pair(*seen, "ultrasound_kidney_wide.png")
+    cranial = facing((6, 50, 2), depth=(0, 0, 1), right=(-1, 0, 0))
+    pleura = [
+        Scanner(phantom, Probe.curvilinear(depth_mm=125), cranial, **REAL).render().frame
+        for phantom in (kidney_phantom(pressed=False).phantom, wide_kidney_phantom(pressed=False).phantom.textured())
+    ]
+    pair(*pleura, "ultrasound_pleura.png")
 
 
 def slices() -> None:
@@ -191,7 +208,7 @@ def _width(grey: np.ndarray, axis: int) -> float:
     return 2 * (below - 1 + (lags[below - 1] - 0.5) / (lags[below - 1] - lags[below]))
 
 
-PICTURES = {"slices": slices, "kidney": kidney, "flow": flow, "textures": textures}
+PICTURES = {"slices": slices, "kidney": kidney, "flow": flow, "textures": textures, "wide kidney": wide_kidney}
 REAL_DATA = {"abdomen": abdomen, "sweep": sweep, "liver": liver}
 
 

@@ -106,6 +106,7 @@ def test_the_page_gets_the_window_behind_everything_else(scene):
         (["--doppler=-5,5,20,40", "--prf", "0"], "prf"),
         (["--doppler=-5,5,20,40", "--steer", "10"], "convex face"),
         (["--doppler=-5,5,20,40", "--volume", "us.mha"], "give one of them"),
+        (["--wide", "--volume", "us.mha"], "--wide is of the generated kidney"),
     ],
 )
 def test_the_command_line_refuses_what_cannot_be(options, said, tmp_path, capsys):

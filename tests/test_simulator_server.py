@@ -17,7 +17,7 @@ from sonospline.simulator import Console
 
 def test_hello_scene_and_geometry_are_as_the_protocol_says(page):
     assert page.hello["protocol"] == 5
-    assert [scene["id"] for scene in page.hello["scenes"]] == ["small", "kidney", "gel", "cube"]
+    assert [scene["id"] for scene in page.hello["scenes"]] == ["small", "kidney", "kidney-wide", "gel", "cube"]
     scene = page.scene
     assert scene["frame"]["out"] == [0, -1, 0]
     assert scene["box"]["low"] == [0, 0, 0]

@@ -18,6 +18,7 @@ from ..io.labels import warn_of_labels
 from ..io.volumes import read_volume
 from ..phantoms.kidney import kidney_phantom
 from ..phantoms.phantom_file import read_phantom
+from ..phantoms.wide_kidney import wide_kidney_phantom
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
 from ..ultrasound.doppler import Doppler
@@ -70,7 +71,8 @@ def _scanned(args: argparse.Namespace) -> View:
     probe = PROBES[args.probe](**{name: value for name, value in settings.items() if value is not None})
     needle = _given_needle(args)
     if args.labels is None:
-        kidney = kidney_phantom(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
+        paint = wide_kidney_phantom if args.wide else kidney_phantom
+        kidney = paint(spacing_mm=args.voxel, pressed=args.probe == "curvilinear" and args.origin is None)
         phantom, grid, pose = kidney.phantom, kidney.grid(args.nodes), kidney.probe_to_reference
         needle = kidney.needle if needle is None else needle
     else:
@@ -83,6 +85,7 @@ def _scanned(args: argparse.Namespace) -> View:
     if args.origin is not None:
         look, right = _direction(args, "look", "0,0,1"), _direction(args, "right", "1,0,0")
         pose = facing(_points.parse("origin", args.origin), depth=look, right=right)
+    phantom = phantom.textured() if args.textures else phantom
     noise = Display().noise_db if args.clean else _NOISE_DB
     display = Display(gain_db=Display().gain_db + args.gain, range_db=args.dynamic_range, noise_db=noise)
     scanner = Scanner(

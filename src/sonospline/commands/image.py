@@ -31,6 +31,7 @@ EXAMPLES = """examples:
   sonospline image --out out                                        # the kidney phantom, needle in a calyx
   sonospline image --probe linear --depth 50 --origin 110,50,0.3 --out out
   sonospline image --origin 64,44,8 --doppler=-12,14,62,106 --out out   # the renal artery; the = for the minus
+  sonospline image --wide --textures --origin 62,58,8 --right 0,1,0 --out out   # across the kidney
   sonospline image --labels seg.nrrd --table tissues.csv --origin 0,0,0 --look 0,0,1 --right 1,0,0 --out out
   sonospline image --labels organs.nii.gz --names organs.csv --ct ct.nii.gz --origin 67,20,118 --look 0,1,0 --out out
   sonospline image --volume us.mha --entry 10,20,30 --target 40,20,30 --cine 20 --out out
@@ -45,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--table", type=Path, metavar="CSV", help="acoustic properties of its labels")
     what.add_argument("--names", type=Path, metavar="CSV", help="organ names of its labels, instead of a table")
     what.add_argument("--voxel", type=float, default=0.5, metavar="MM", help="voxel of the generated phantom (0.5)")
+    what.add_argument("--wide", action="store_true", help="the kidney with ribs, pleura, liver, colon, spine")
+    what.add_argument("--textures", action="store_true", help="fibrils, septa, portal triads in its tissues")
     what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, for voxels without a label")
     where = parser.add_argument_group("from where (RAS mm)")
     where.add_argument("--origin", metavar="X,Y,Z", help="middle of the probe's face, or a point of the cut")
@@ -80,6 +83,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _points.check(args, "entry", "target", "origin", "look", "right")
     if args.volume is not None and args.labels is not None:
         raise ValueError("--volume and --labels were both given; give the one to image")
+    if args.wide and (args.volume is not None or args.labels is not None):
+        raise ValueError("--wide is of the generated kidney; leave it out, or --volume and --labels")
     for name, needed in (("table", "labels"), ("names", "labels"), ("ct", "names")):
         if getattr(args, name) is not None and getattr(args, needed) is None:
             raise ValueError(f"--{name} belongs to --{needed}; give both or neither")

@@ -33,7 +33,7 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     what = parser.add_argument_group("scene (by default access to the kidney)")
-    what.add_argument("--scene", metavar="NAME|FILE", help="kidney, gel, cube, or a scene file (.toml)")
+    what.add_argument("--scene", metavar="NAME|FILE", help="kidney, kidney-wide, gel, cube, or a scene file (.toml)")
     what.add_argument("--labels", type=Path, metavar="FILE", help="a label map of your own")
     what.add_argument("--names", type=Path, metavar="CSV", help="names of its labels (beside it, .csv)")
     what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, in which the skin is found")

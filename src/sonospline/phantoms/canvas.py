@@ -10,8 +10,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._memory import refuse_beyond
+from .._shown import lengths
+
 Array = NDArray[np.floating]
 
+_BYTES_EACH = 3
+"""Of a voxel, while it is painted."""
 _PLANES = 16
 """Painted at once by a thread: few enough for the cache, enough to be worth waking it."""
 
@@ -25,13 +30,22 @@ class Canvas:
         Its first and last corner.
     spacing_mm : float
         Voxel size.
+
+    Raises
+    ------
+    ValueError
+        More voxels than memory holds.
     """
 
     def __init__(self, low_mm: ArrayLike, high_mm: ArrayLike, spacing_mm: float) -> None:
         self.origin = np.asarray(low_mm, float)
         self.spacing_mm = spacing_mm
         size = np.asarray(high_mm, float) - self.origin
-        self.labels = np.zeros(tuple(round(s / spacing_mm) + 1 for s in size), np.uint8)
+        shape = tuple(round(s / spacing_mm) + 1 for s in size)
+        voxels = int(np.prod(np.array(shape, float)))
+        what = f"a phantom of {lengths(size)} at spacing_mm = {spacing_mm:g}"
+        refuse_beyond(_BYTES_EACH * voxels, what, remedy="use larger voxels, or a smaller scene")
+        self.labels = np.zeros(shape, np.uint8)
 
     def axes(self, window: tuple[slice, ...] | None = None) -> tuple[Array, Array, Array]:
         """Return coordinates of the voxels of a window in mm, to be broadcast against each other."""

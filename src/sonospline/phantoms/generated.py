@@ -14,6 +14,8 @@ from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.flow import Flow
 from ..ultrasound.phantom import Phantom
 from .kidney import BOX_MM, LABELS, kidney_phantom
+from .wide_kidney import LABELS as WIDE_LABELS
+from .wide_kidney import wide_kidney_phantom
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,19 @@ def kidney(voxel_mm: float) -> GeneratedTissue:
         phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
         dent=PaintedDent(found.probe_to_reference[:3, 3], _undented_kidney),
     )  # fmt: skip
+
+
+def wide_kidney(voxel_mm: float) -> GeneratedTissue:
+    """Return the kidney of :func:`~sonospline.phantoms.wide_kidney_phantom`, in the same mechanical box."""
+    found = wide_kidney_phantom(spacing_mm=voxel_mm, kept=True)
+    return GeneratedTissue(
+        phantom=found.phantom, names=WIDE_LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
+        dent=PaintedDent(found.probe_to_reference[:3, 3], _undented_wide_kidney),
+    )  # fmt: skip
+
+
+def _undented_wide_kidney() -> Volume:
+    return wide_kidney_phantom(spacing_mm=MECHANICAL_VOXEL_MM, pressed=False).phantom.labels
 
 
 def _undented_kidney() -> Volume:
@@ -110,7 +125,7 @@ def cube(voxel_mm: float) -> GeneratedTissue:
     )  # fmt: skip
 
 
-PHANTOMS = {"kidney": kidney, "gel block": gel_block, "cube": cube}
+PHANTOMS = {"kidney": kidney, "wide kidney": wide_kidney, "gel block": gel_block, "cube": cube}
 
 
 def _blank(size_mm: tuple[float, float, float], voxel_mm: float) -> NDArray[np.uint8]:

@@ -8,6 +8,7 @@ the pyramids; 15 pyramids in three rows (9 to 14 are usual, of which an image cu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -106,34 +107,46 @@ def kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool 
     """
     if _validate.number("spacing_mm", spacing_mm, positive=True) > 4:
         raise ValueError(f"spacing_mm = {spacing_mm} is too coarse for a kidney; give at most 4")
-    canvas = Canvas(LOW_MM, HIGH_MM, spacing_mm)
-    file = _kept_file(spacing_mm, pressed)
-    known = recall(file, partial(_read_labels, shape=canvas.labels.shape), "the kidney phantom") if kept else None
-    if known is None:
-        _paint(canvas, _PUSH if pressed else 0.0)
-        if kept:
-            keep(file, lambda stream: np.save(stream, canvas.labels), "the kidney phantom")
-    targets = {
-        "lower calyx": _world((*_CALYX[:2], _CALYX[2] + 1.0)),
-        "upper calyx": _world((-25.0, 0.0, 3.0)),
-        "pelvis": _world((0.0, 0.0, 14.0)),
+    volume = painted(Canvas(LOW_MM, HIGH_MM, spacing_mm), partial(paint, pressed=pressed), (pressed,) if kept else None)
+    return KidneyPhantom(Phantom(volume, LABELS, flows=flows()), targets())
+
+
+def targets() -> dict[str, NDArray[np.float64]]:
+    """Return the middles of calyces and pelvis, world."""
+    return {
+        "lower calyx": world((*_CALYX[:2], _CALYX[2] + 1.0)),
+        "upper calyx": world((-25.0, 0.0, 3.0)),
+        "pelvis": world((0.0, 0.0, 14.0)),
     }
-    labels = canvas.labels if known is None else known
-    volume = Volume(voxels=labels, spacing=(spacing_mm,) * 3, origin=canvas.origin)
-    return KidneyPhantom(Phantom(volume, LABELS, flows=_flows()), targets)
 
 
-def _paint(canvas: Canvas, push: float) -> None:
-    _paint_flank(canvas, push)
+def painted(canvas: Canvas, paint: Callable[[Canvas], None], kept_by: tuple[object, ...] | None) -> Volume:
+    """Return what is painted; where it is kept, from the cache, by what makes it another."""
+    if kept_by is None:
+        paint(canvas)
+    else:
+        file = _kept_file(canvas, kept_by)
+        known = recall(file, partial(_read_labels, shape=canvas.labels.shape), "the kidney phantom")
+        if known is None:
+            paint(canvas)
+            keep(file, lambda stream: np.save(stream, canvas.labels), "the kidney phantom")
+        else:
+            canvas.labels = known
+    return Volume(voxels=canvas.labels, spacing=(canvas.spacing_mm,) * 3, origin=canvas.origin)
+
+
+def paint(canvas: Canvas, *, pressed: bool) -> None:
+    """Paint flank, rib and kidney; all that lies wider repeats what is there."""
+    _paint_flank(canvas, _PUSH if pressed else 0.0)
     _paint_rib(canvas)
     _paint_kidney(canvas)
     _paint_sinus(canvas)
 
 
-def _kept_file(spacing_mm: float, pressed: bool) -> Path | None:
+def _kept_file(canvas: Canvas, by: tuple[object, ...]) -> Path | None:
     """A name that changes with what is painted: with this file and the one of the canvas."""
     painter = [Path(source).read_bytes() for source in (__file__, canvas_file)]
-    return place(f"kidney-{digest(spacing_mm, pressed, painter)}.npy")
+    return place(f"kidney-{digest(canvas.spacing_mm, canvas.origin.tolist(), canvas.labels.shape, by, painter)}.npy")
 
 
 def _read_labels(stream: IO[bytes], shape: tuple[int, ...]) -> NDArray[np.uint8]:
@@ -143,14 +156,14 @@ def _read_labels(stream: IO[bytes], shape: tuple[int, ...]) -> NDArray[np.uint8]
     return labels
 
 
-def _world(local: tuple[float, ...]) -> NDArray[np.float64]:
+def world(local: tuple[float, ...]) -> NDArray[np.float64]:
     """A position of the kidney's frame (x towards its lower pole, z towards its hilum) in the world."""
     x, y, z = local
     return _CENTRE + np.array([np.cos(_TILT) * x + np.sin(_TILT) * z, y, -np.sin(_TILT) * x + np.cos(_TILT) * z])
 
 
-def _flows() -> list[Flow]:
-    """Through the hilum: in through the artery, out through the vein."""
+def flows() -> list[Flow]:
+    """Return what flows through the hilum: in through the artery, out through the vein."""
     artery, *_, vein = [(_point(start), _point(end), radii) for start, end, radii in _VESSELS]
     return [
         Flow(start=artery[0], end=artery[1], radii_mm=artery[2], speed_cm_s=_ARTERY_CM_S),
@@ -159,7 +172,7 @@ def _flows() -> list[Flow]:
 
 
 def _point(local: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = _world(local).tolist()
+    x, y, z = world(local).tolist()
     return x, y, z
 
 
@@ -228,17 +241,18 @@ def _paint_rib(canvas: Canvas) -> None:
     def inside(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         return ((x - 27 - 0.1 * (y - 50)) / 6.5) ** 2 + ((z - 23) / 4.2) ** 2 < 1
 
-    canvas.paint(_BONE, (10, 0, 18), (45, HIGH_MM[1], 28), inside)
+    end = canvas.origin + canvas.spacing_mm * np.array(canvas.labels.shape)
+    canvas.paint(_BONE, (-10, canvas.origin[1], 18), (65, end[1], 28), inside)
 
 
-def _level(x: Array, y: Array, z: Array) -> Array:
+def level_at(x: Array, y: Array, z: Array) -> Array:
     """A function of place that is the same on surfaces alike to the kidney's (a superellipsoid)."""
     local = _local(x, y, z)
     powers = [np.abs(c / a) ** _EXPONENT for c, a in zip(local, _SEMI_AXES.tolist(), strict=True)]
     return powers[0] + powers[2] + powers[1]  # those of x and z first: they are one sheet
 
 
-def _surface(radius: float) -> float:
+def level_of(radius: float) -> float:
     """Its value on the surface so many times as large as the kidney's."""
     return float(radius**_EXPONENT)
 
@@ -249,17 +263,17 @@ def _paint_kidney(canvas: Canvas) -> None:
     low, high = _CENTRE - reach, _CENTRE + reach
 
     def gerota(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
-        level = _level(x, y, z)
-        between = (level > _surface(1 + 7.2 / 24)) & (level < _surface(1 + 7.9 / 24))
+        level = level_at(x, y, z)
+        between = (level > level_of(1 + 7.2 / 24)) & (level < level_of(1 + 7.9 / 24))
         return between & (np.sin(x / 7) + np.sin(y / 5) > -0.6)
 
     canvas.paint(_FASCIA, low, high, gerota, over=(_PERIRENAL,))
-    canvas.paint(_FASCIA, low, high, lambda x, y, z: _level(x, y, z) < 1)
-    canvas.paint(_CORTEX, low, high, lambda x, y, z: _level(x, y, z) < _surface(1 - 0.6 / 24))
+    canvas.paint(_FASCIA, low, high, lambda x, y, z: level_at(x, y, z) < 1)
+    canvas.paint(_CORTEX, low, high, lambda x, y, z: level_at(x, y, z) < level_of(1 - 0.6 / 24))
     for station in _STATIONS:
         for row in _ROWS_DEG:
             _paint_pyramid(canvas, station, np.radians(row))
-    notch = _world((0.0, 0.0, 25.0))
+    notch = world((0.0, 0.0, 25.0))
 
     def hilum(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         u, v, w = _local(x, y, z)
@@ -273,21 +287,21 @@ def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
     lean = np.radians(0.9 * station)
     axis = np.array([np.sin(lean), np.cos(lean) * np.sin(row), -np.cos(lean) * np.cos(row)])
     apex = np.array([0.8 * station, 8.5 * np.sin(row), 2 - 6.5 * np.cos(row)])
-    middle = _world(tuple(apex + 9 * axis))
+    middle = world(tuple(apex + 9 * axis))
 
     def inside(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         offset = [c - a for c, a in zip(_local(x, y, z), apex, strict=True)]
         height = sum(o * a for o, a in zip(offset, axis, strict=True))
         across = np.sqrt(np.maximum(sum(o * o for o in offset) - height**2, 0))
         wide = np.minimum(2.2 + 0.42 * height, 5.0)
-        return (height > 0) & (height < 17) & (across < wide) & (_level(x, y, z) < _surface(1 - _CORTEX_MM / 23))
+        return (height > 0) & (height < 17) & (across < wide) & (level_at(x, y, z) < level_of(1 - _CORTEX_MM / 23))
 
     canvas.paint(_MEDULLA, middle - 20, middle + 20, inside, over=(_CORTEX,))
 
 
 def _paint_sinus(canvas: Canvas) -> None:
     """Sinus fat, the collecting system in it, and the vessels of the hilum."""
-    centre = _world((0.0, 0.0, 2.0))
+    centre = world((0.0, 0.0, 2.0))
 
     def sinus(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         u, v, w = _local(x, y, z)
@@ -298,8 +312,8 @@ def _paint_sinus(canvas: Canvas) -> None:
     reach = np.array([40, 14, 22])
     canvas.paint(_SINUS, centre - reach, centre + reach, sinus, over=(_CORTEX, _MEDULLA))
     for start, end, radii in _VESSELS:
-        canvas.tube(_WALL, _world(start), _world(end), (radii[0] + 0.6, radii[1] + 0.6), over=(_SINUS, _PERIRENAL))
-        canvas.tube(_BLOOD, _world(start), _world(end), radii, over=(_WALL, _SINUS, _PERIRENAL))
+        canvas.tube(_WALL, world(start), world(end), (radii[0] + 0.6, radii[1] + 0.6), over=(_SINUS, _PERIRENAL))
+        canvas.tube(_BLOOD, world(start), world(end), radii, over=(_WALL, _SINUS, _PERIRENAL))
     ducts = [
         ((0, 0, 24), (0, 0, 6), (4.5, 3.0)), ((0, 0, 8), (18, 0, 4), (2.4, 1.4)), ((0, 0, 8), (-25, 0, 3), (2.6, 1.4)),
         ((0, 0, 6), (0, 0, -2), (1.8, 1.4)), ((-25, 0, 3), (-29, 0, 1), (1.5, 2.3)),
@@ -307,4 +321,4 @@ def _paint_sinus(canvas: Canvas) -> None:
         ((18, 0, 4), _CALYX, (1.6, 3.4)), (_CALYX, (26.0, 0.0, 3.5), (3.4, 4.4)),
     ]  # fmt: skip
     for begin, stop, ends in ducts:
-        canvas.tube(_URINE, _world(begin), _world(stop), ends, over=(_SINUS, _CORTEX, _MEDULLA, _PERIRENAL))
+        canvas.tube(_URINE, world(begin), world(stop), ends, over=(_SINUS, _CORTEX, _MEDULLA, _PERIRENAL))

@@ -134,9 +134,8 @@ def _synthetic(spec: SceneFile, phantom: Phantom) -> Callable[[Probe, Array], Im
     shown = spec.display
     display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db, noise_db=shown.noise_db)
     artefacts = Artefacts() if shown.artefacts else Artefacts.none()
-    return partial(
-        SyntheticImager.of, phantom, display=display, echo=LOOKS[spec.needle.look](), artefacts=artefacts
-    )  # fmt: skip
+    seen = phantom.textured() if shown.textures else phantom
+    return partial(SyntheticImager.of, seen, display=display, echo=LOOKS[spec.needle.look](), artefacts=artefacts)
 
 
 def scene_materials(spec: SceneFile, folder: Path) -> MaterialTable:

@@ -18,7 +18,7 @@ from .tissue_settings import NO_TRACK
 
 T = TypeVar("T")
 Triple = tuple[float, float, float]
-Source = Literal["kidney", "gel block", "cube", "labels", "volume"]
+Source = Literal["kidney", "wide kidney", "gel block", "cube", "labels", "volume"]
 Between = Literal["soft tissue", "fat"]
 Face = Literal["x-", "x+", "y-", "y+", "z-", "z+"]
 if TYPE_CHECKING:
@@ -133,6 +133,7 @@ class DisplayPart(Record, frozen=True, kw_only=True):
     range_db: Annotated[float, about("black to white", low=20.0, high=100.0)] = 60.0
     noise_db: Annotated[float, about("electronic noise over liver at the skin", low=-200.0, high=0.0)] = -70.0
     artefacts: Annotated[bool, about("clutter, haze, rough surfaces and walls, as real images have them")] = True
+    textures: Annotated[bool, about("fibrils, septa and portal triads in tissues that have them")] = False
     tolerance_mm: Annotated[float, about("tip to target that counts as on target", low=0.1, high=50.0)] = 3.0
 
 
@@ -222,7 +223,7 @@ class SceneFile(Record, frozen=True, kw_only=True):
 
     @classmethod
     def shipped(cls, name: str) -> SceneFile:
-        """Return a scene that comes with the package: ``kidney``, ``gel`` or ``cube``."""
+        """Return a scene that comes with the package: ``kidney``, ``kidney-wide``, ``gel`` or ``cube``."""
         if name not in SHIPPED:
             raise ValueError(f"scene = {name!r} is not known; choose one of {', '.join(SHIPPED)}, or give a .toml file")
         return cls.parse(files(__package__).joinpath(f"scenes/{name}.toml").read_text(), file=f"{name}.toml")

@@ -1,3 +1,3 @@
 """Names of the scenes that come with the package."""
 
-SHIPPED = ("kidney", "gel", "cube")
+SHIPPED = ("kidney", "kidney-wide", "gel", "cube")

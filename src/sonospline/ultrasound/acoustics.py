@@ -153,6 +153,8 @@ _DEFAULTS = (
     _tissue("bone", 3200, 1900, 15, 6, "c, rho [1][2]; alpha 15 [3], 1-10 [4]; level set"),
     _tissue("cartilage", 1665, 1100, 3, -8, "c [2]; rho [1]; alpha, level set"),
     _tissue("gas", 340, 1.2, 40, 0, "c, rho of air; alpha [3]; level set"),
+    _tissue("gassy bowel", 1000, 600, 5, 8, "stands for what gas in foam sends back, a dirty shadow; set", 2.0),
+    _tissue("aerated lung", 900, 500, 5.0, 6, "as gassy bowel, less deep; set"),
     _tissue("spleen", 1570, 1054, 0.4, -2, "c, rho [2]; alpha [3][9]; level set"),
     _tissue("pancreas", 1570, 1050, 0.8, 1, "as other parenchyma [2]; level set", 1.5, (2, 2, 2)),
     _tissue("bowel wall", 1590, 1045, 0.8, -2, "as muscle; level set"),
