@@ -138,7 +138,7 @@ def test_what_does_not_fit_together_is_refused(change, says):
 def test_missing_files_and_unknown_names_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"scene = .*none.toml' does not exist"):
         Session(tmp_path / "none.toml")
-    with pytest.raises(ValueError, match="scene = 'castle' is not known; choose one of kidney, gel, cube"):
+    with pytest.raises(ValueError, match="scene = 'castle' is not known; choose one of kidney, kidney-wide, gel, cube"):
         Session("castle")
     scene = tmp_path / "mine.toml"
     scene.write_text('name = "mine"\n[tissue]\nsource = "volume"\nfile = "none.mha"\n')

@@ -29,7 +29,7 @@ def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, pro
     Parameters
     ----------
     scene : SceneFile, str or Path
-        The scene, the name of a shipped one (``kidney``, ``gel``, ``cube``), or a TOML file.
+        The scene, the name of a shipped one (``kidney``, ``kidney-wide``, ``gel``, ``cube``), or a TOML file.
     folder : Path, optional
         Where the files it names are; by default beside the scene's file, else here.
     progress : callable, optional
