@@ -7,11 +7,11 @@ import pytest
 
 from sonospline import _core
 from sonospline._core import twin
+from sonospline._core.textures import KINDS, texture_map, textures
 from sonospline.fields import GridField
 from sonospline.geometry import Grid, facing
 from sonospline.ultrasound import TISSUES, Phantom, Probe, Scanner
 from sonospline.ultrasound.acoustics import textured
-from sonospline.ultrasound.textures import KINDS, texture_map, textures
 
 POSE = facing((15, 6, 0), depth=(0, 0, 1), right=(1, 0, 0))
 PROBE = Probe.linear(frequency_mhz=5, depth_mm=28, aperture_mm=28, lines=64, samples=512, elevation_focus_mm=14)

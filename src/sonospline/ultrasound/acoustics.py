@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _validate
+from .._core.textures import KINDS, texture_map
 from ..io.tables import read_by_label
 from ..io.writing import write_text
-from .textures import KINDS, texture_map
 
 Texture = Literal["blobs", "fibres", "strands", "triads"]
 
@@ -78,8 +78,8 @@ class AcousticTissue:
     source: str = field(default="", repr=False)
     roughness_db: float = -15.0
     wall_mm: float = 0.0
-    texture: Texture = "blobs"
-    texture_direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    texture: Texture = field(default="blobs", repr=False)
+    texture_direction: tuple[float, float, float] = field(default=(1.0, 0.0, 0.0), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("speed_m_s", "density_kg_m3"):

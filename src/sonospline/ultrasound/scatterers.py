@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from .._core.textures import textures
 from .acoustics import NO_ECHO, TISSUES
 from .interfaces import NUMBERS
-from .textures import textures
 
 Array = NDArray[np.float64]
 
