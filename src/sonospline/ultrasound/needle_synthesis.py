@@ -24,6 +24,7 @@ _SHADOW_LINES = 1.5
 
 # Of a real shaft; all set by eye.
 _COMET_COPIES, _COMET_FACTOR = 18, 0.78
+_FAINTEST = 1e-3  # copy of what it repeats, that is left out
 _SPECKLE, _SPECKLE_MM = 0.35, 0.9
 _LONGEST_MM = 400.0
 _GAPS_MM, _GAP_MM, _GAP_LEFT = 11.0, 1.3, 0.12  # one in so many mm, half as wide as this, with so much left
@@ -78,7 +79,8 @@ def echo(
     bright = 10 ** (model.tip_db(beta[-1]) / 20) * rms * profile * seen
     ends, levels = ([-1, heel], _BEVEL_DB) if real else ([-1], (0.0,))
     tip = bright[ends] * 10 ** (np.array(levels) / 20)
-    parts = [np.append(a[:, seen].ravel(), b) for a, b in ((lines, line[ends]), (later, r[ends]), (strength, tip))]
+    kept = (strength > (_FAINTEST * amplitude if real else -1)) & seen
+    parts = [np.append(a[kept], b) for a, b in ((lines, line[ends]), (later, r[ends]), (strength, tip))]
     echoes = np.column_stack([parts[0], parts[1] / optics.half_sample_mm, parts[2], np.zeros(len(parts[0]))])
     return echoes.astype(np.float32), _shadow(
         model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow, real

@@ -97,6 +97,13 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
 
 // --- surfaces ---
 
+// Squared elevation beyond which nothing in a cell is heard.
+float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *c) {
+    float reach = std::fabs(frame.range - beam.focus_mm);
+    for (int k = 0; k < 8; ++k) reach += std::fabs(c[4 * k]) + std::fabs(c[4 * k + 2]);
+    return beam.cut_squared * (beam.focus_variance + beam.spread_squared * reach * reach);
+}
+
 void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfaces, const float *polynomials,
              const LineSpan *spans, std::size_t first, std::size_t last, std::int16_t *amplitude) {
     const VecF step = splat(1.0f / 65536);
@@ -108,11 +115,15 @@ void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfa
         if (from == to) continue;
         const float *c = polynomials + kPolynomialFloats * cell;
         const std::int32_t scatterer = cells.starts[cell + 1] - (to - from);
+        const float cut = widest_cut(beam, cells.frames[cell], c);
         for (std::int32_t at = from; at < to; at += kWidth) {
             const std::int32_t own = scatterer + at - from;
             const VecF u = (__builtin_convertvector(load_as<VecU16>(cells.u + own), VecF) + 0.5f) * step;
             const VecF v = (__builtin_convertvector(load_as<VecU16>(cells.v + own), VecF) + 0.5f) * step;
             const VecF w = (__builtin_convertvector(load_as<VecU16>(cells.w + own), VecF) + 0.5f) * step;
+            const VecF elevation = cells.frames[cell].elevation + ((c[29] * w + c[17]) * v + (c[21] * w + c[5])) * u +
+                                   ((c[25] * w + c[9]) * v + (c[13] * w + c[1]));
+            if (!bits_of(elevation * elevation < cut)) continue;  // all beside the slice
             VecF x[3], y[3], z[3], place[3];  // the place's slopes along u, v and w
             for (int a = 0; a < 3; ++a) {
                 const VecF mixed = c[28 + a] * w + c[16 + a];
@@ -233,13 +244,6 @@ inline V4 twice(const float *pair) {
 inline V4 each_twice(const float *pair) {
     const V4 both = twice(pair);
     return __builtin_shufflevector(both, both, 0, 0, 1, 1);
-}
-
-// Squared elevation beyond which nothing in a cell is heard.
-float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *c) {
-    float reach = std::fabs(frame.range - beam.focus_mm);
-    for (int k = 0; k < 8; ++k) reach += std::fabs(c[4 * k]) + std::fabs(c[4 * k + 2]);
-    return beam.cut_squared * (beam.focus_variance + beam.spread_squared * reach * reach);
 }
 
 template <Fan fan>
