@@ -64,7 +64,8 @@ def _add(scene: Mrml, name: str, volume: Volume, references: Mapping[str, str] |
     if isinstance(volume, LabelMap):
         segments = ("SegmentationStorage", f"{name}{SUFFIX}", _segments(volume))
         return scene.shown("Segmentation", name, segments, references)
-    file = ("VolumeArchetypeStorage", f"{name}.nrrd", nrrd_bytes(volume.voxels.transpose(2, 1, 0), _places(volume)))
+    data = nrrd_bytes(volume.voxels.transpose(2, 1, 0), _places(volume), level=1)  # quickly: it may be large
+    file = ("VolumeArchetypeStorage", f"{name}.nrrd", data)
     return scene.shown("Volume", name, file, references, colorNodeID=GREY, autoWindowLevel=1, interpolate=1)
 
 

@@ -188,8 +188,11 @@ class Mrml:
         return f"Mrml({len(self._nodes)} nodes, {len(self.files)} files)"
 
 
-def nrrd_bytes(voxels: NDArray[np.generic], ijk_to_ras: NDArray[np.floating]) -> bytes:
-    """Return voxels (k, j, i), one slice or more, as a NRRD file; such of a type that NRRD has none for as doubles."""
+def nrrd_bytes(voxels: NDArray[np.generic], ijk_to_ras: NDArray[np.floating], level: int = 9) -> bytes:
+    """Return voxels (k, j, i), one slice or more, as a NRRD file, compressed at a level of gzip's.
+
+    Voxels of a type that NRRD has none for become doubles.
+    """
     kind = voxels.dtype.name if voxels.dtype.name in _NRRD_TYPES else "float64"
     axes = " ".join(f"({','.join(f'{x:.9g}' for x in axis)})" for axis in ijk_to_ras[:3, :3].T)
     lines = [
@@ -199,7 +202,7 @@ def nrrd_bytes(voxels: NDArray[np.generic], ijk_to_ras: NDArray[np.floating]) ->
         f"space origin: ({','.join(f'{x:.9g}' for x in ijk_to_ras[:3, 3])})",
         *(["endian: little"] if np.dtype(kind).itemsize > 1 else []),
     ]  # fmt: skip
-    data = gzip.compress(np.ascontiguousarray(voxels, np.dtype(kind).newbyteorder("<")).tobytes(), mtime=0)
+    data = gzip.compress(np.ascontiguousarray(voxels, np.dtype(kind).newbyteorder("<")).tobytes(), level, mtime=0)
     return "\n".join(lines).encode() + b"\n\n" + data
 
 
