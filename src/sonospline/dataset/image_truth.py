@@ -64,16 +64,14 @@ def labels_now(labels: Volume, numbers: NDArray[np.uint8], moved: Array, plane: 
     lattice, to_world = labels.lattice, plane.image_to_reference
     turn = (lattice.direction.T @ to_world[:3, :3]) / np.array(lattice.spacing)[:, None]
     start = labels.index(to_world[:3, 3][None])[0]
-    flat = np.zeros(plane.shape, np.int64)
-    inside = np.ones(plane.shape, bool)
+    flat, inside = np.zeros(plane.shape), np.ones(plane.shape, bool)
     for along, first, count in zip(turn.astype(np.float32), start.astype(np.float32), lattice.shape, strict=True):
-        with np.errstate(invalid="ignore"):
-            index = np.rint(along[0] * x + along[1] * y + along[2] * z + first)
-        inside &= (index >= 0) & (index < count)
+        index = np.rint(along[0] * x + along[1] * y + along[2] * z + first)
+        inside &= (index >= 0) & (index < count)  # which what is not known is not
         flat *= count
-        flat += np.where(inside, index, 0).astype(np.int64)
-    found = labels.voxels.reshape(-1)[np.where(inside, flat, 0)]
-    return numbers[np.where(inside, found, 0)]
+        flat += index
+    at = np.where(inside, flat, 0).astype(np.intp)
+    return np.where(inside, numbers[labels.voxels.reshape(-1)[at]], numbers[0])
 
 
 def needle_pixels(needle: Needle, diameter_mm: float, probe: Probe, plane: ImagePlane) -> NDArray[np.bool_]:

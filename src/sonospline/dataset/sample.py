@@ -28,7 +28,7 @@ HUNDREDTH_MM = 0.01
 """What displacements are kept to."""
 
 _FARTHEST_MM = 300.0
-_MARGINS_MM = (3.0, 6.0, 12.0, 24.0, 48.0)
+_MARGINS_MM = (8.0, 16.0, 32.0, 64.0)
 """Displacements that scatterers are chosen for: a scanner for each, so that no sample changes what another sees."""
 _MOST_STEPS = 12
 """Of a needle that rests, until the field is as near as the model's tolerance."""

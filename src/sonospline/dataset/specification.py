@@ -84,7 +84,7 @@ class AnatomyPart(Ranges, frozen=True, kw_only=True):
 class ViewPart(Ranges, frozen=True, kw_only=True):
     """Where the probe is; it stays there for a run of samples."""
 
-    samples: Annotated[int, about("samples while the probe rests", 1, 100_000)] = 16
+    samples: Annotated[int, about("samples while the probe rests", 1, 100_000)] = 32
     slide_mm: Annotated[tuple[Millimetre, Millimetre], about("of the image's middle beside the target")] = (-5.0, 5.0)
     sweep_mm: Annotated[tuple[Millimetre, Millimetre], about("of the image plane off the target")] = (-1.0, 1.0)
     rotate_deg: Annotated[tuple[Turn, Turn], about("about the way down")] = (-15.0, 15.0)
