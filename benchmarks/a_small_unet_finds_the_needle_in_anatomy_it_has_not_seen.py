@@ -25,9 +25,9 @@ seed = 20
 [[sources]]
 kind = "block"
 [anatomy]
-samples = 100
+samples = 50
 [view]
-samples = 20
+samples = 25
 sweep_mm = [-0.5, 0.5]
 [target]
 off_mm = [0, 1]

@@ -46,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     again = _action(actions, "rebuild", "make its samples again from their recipes")
     for one in (show, check_, stats, again):
         one.add_argument("dataset", metavar="DIR|ADDRESS", help="a folder, or an address such as s3://bucket/folder")
+    for one in (check_, again):
+        one.add_argument("--files", type=Path, metavar="DIR", help="where the files of its specification are seen from")
     again.add_argument("--form", choices=("zarr", "webdataset"), default="zarr", help="how they are stored (zarr)")
-    again.add_argument("--files", type=Path, metavar="DIR", help="where the files of its specification are seen from")
     _add_making(again)
 
 
@@ -118,7 +119,7 @@ def _check(args: argparse.Namespace) -> dict[str, Any]:
     _limits.check(args, {"remake": _limits.Whole(0, 10**6), "seed": _limits.Whole(0, 2**63 - 1)})
     data = DataSet(args.dataset)
     with bar("checking", quiet=args.quiet) as progress:
-        found = check(data, remade=args.remake, seed=args.seed, progress=progress)
+        found = check(data, remade=args.remake, seed=args.seed, folder=args.files, progress=progress)
     report = {"files": found.files, "remade": found.remade, "problems": found.problems}
     if args.repair and found.problems:
         shards = damaged_shards(data)

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from ..geometry.label_map import LabelMap
 from ..geometry.tissue import Tissue
@@ -120,18 +121,32 @@ class Anatomy:
             raise ValueError(f"target.names = {list(wanted)} are none of the scene's; it has {known}")
         return found
 
-    def place_in(self, random: Generator, tissues: Sequence[str]) -> tuple[str, Array]:
-        """Return the name and the place of a voxel of some tissues, inside the box."""
-        names = [n for n, name in self.source.names.items() if any(fnmatchcase(name, pattern) for pattern in tissues)]
-        index = np.argwhere(np.isin(self.painted.acoustic.voxels, names))
-        places = self.painted.acoustic.position(index.astype(float)) if len(index) else np.zeros((0, 3))
-        inside = np.flatnonzero(self.source.grid.contains(places)) if len(places) else np.zeros(0, np.intp)
-        if not len(inside):
+    def place_in_tissue(self, random: Generator) -> tuple[str, Array]:
+        """Return the name and the place of a voxel of the tissues that are aimed at, inside the box.
+
+        Raises
+        ------
+        ValueError
+            There is none.
+        """
+        if not len(self._aimed_at):
             known = ", ".join(sorted(set(self.source.names.values())))
-            raise ValueError(f"target.tissues = {list(tissues)} are nowhere in the tissue, which has {known}")
-        at = int(inside[int(random.integers(len(inside)))])
-        label = int(self.painted.acoustic.voxels[tuple(index[at])])
-        return self.source.names[label], places[at]
+            raise ValueError(
+                f"target.tissues = {list(self.asked.target.tissues)} are nowhere in the tissue, which has {known}"
+            )
+        index = self._aimed_at[int(random.integers(len(self._aimed_at)))]
+        label = int(self.painted.acoustic.voxels[tuple(index)])
+        return self.source.names[label], self.painted.acoustic.position(index.astype(float)[None])[0]
+
+    @cached_property
+    def _aimed_at(self) -> NDArray[np.intp]:
+        """(m, 3) voxels of the tissues that are aimed at."""
+        patterns = self.asked.target.tissues
+        labels = [n for n, name in self.source.names.items() if any(fnmatchcase(name, pattern) for pattern in patterns)]
+        index = np.argwhere(np.isin(self.painted.acoustic.voxels, labels))
+        if not len(index):
+            return index
+        return index[self.source.grid.contains(self.painted.acoustic.position(index.astype(float)))]
 
 
 def mechanical_names(source: Source) -> dict[int, str]:

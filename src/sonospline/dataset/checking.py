@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,9 @@ class Checked:
     problems: list[str] = field(default_factory=list)
 
 
-def check(data: DataSet, *, remade: int = 0, seed: int = 0, progress: Progress | None = None) -> Checked:
+def check(
+    data: DataSet, *, remade: int = 0, seed: int = 0, folder: Path | None = None, progress: Progress | None = None
+) -> Checked:
     """Check every file of a data set against its hash, and some samples against what their recipes make.
 
     Parameters
@@ -38,6 +41,8 @@ def check(data: DataSet, *, remade: int = 0, seed: int = 0, progress: Progress |
         Samples to make again, bit for bit; here, from the specification's own sources.
     seed : int, default: 0
         Of which they are.
+    folder : Path, optional
+        From where the files of its specification are seen, where samples are made again; by default from here.
     progress : callable, optional
         Called with files and samples done, and all.
 
@@ -56,6 +61,8 @@ def check(data: DataSet, *, remade: int = 0, seed: int = 0, progress: Progress |
             found.files += 1
             tell(found.files, total)
     if indices and not found.problems:
+        if folder is not None:
+            data.specification.__dict__["folder"] = folder
         for problem in _remade(data, indices):
             found.remade += 1
             found.problems += problem
@@ -91,7 +98,7 @@ def _chosen(data: DataSet, count: int, seed: int) -> list[int]:
 
 def _remade(data: DataSet, indices: list[int]) -> Iterator[list[str]]:
     """For each of some samples, what differs when it is made again."""
-    check_worker(data.manifest["made_by"])
+    check_worker(data.manifest["made_by"], who="this machine")
     plan, rows = Plan(data.specification), {}
     wanted = set(indices)
     for row in data.rows(columns=["recipe"]):

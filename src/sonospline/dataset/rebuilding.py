@@ -42,7 +42,7 @@ def rebuild(
         This machine would make other bits: another version, or another instruction set.
     """
     if not settings.get("scheduler") and settings.get("client") is None:
-        check_worker(data.manifest["made_by"])
+        check_worker(data.manifest["made_by"], who="this machine")
     asked = replace(data.specification, storage=replace(data.specification.storage, form=form))
     if folder is not None:
         asked.__dict__["folder"] = folder

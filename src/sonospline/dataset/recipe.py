@@ -145,7 +145,7 @@ def drawn_view(asked: Specification, anatomy: Anatomy, number: int) -> View:
 
 def _target(random: Generator, asked: Specification, anatomy: Anatomy) -> tuple[str, Array]:
     if asked.target.tissues:
-        return anatomy.place_in(random, asked.target.tissues)
+        return anatomy.place_in_tissue(random)
     targets = sorted(anatomy.targets().items())
     return targets[int(random.integers(len(targets)))]
 

@@ -148,11 +148,11 @@ def world_of(job: Job, anatomy: int) -> World:
     return world
 
 
-def check_worker(asked: Provenance) -> None:
+def check_worker(asked: Provenance, *, who: str = "a worker") -> None:
     """Raise WorkerError where this process would make other bits than those a plan says."""
     differs = difference(asked, provenance())
     if differs:
-        raise WorkerError(f"a worker would make other bits: its {differs}; give all workers the same")
+        raise WorkerError(f"{who} would make other bits: its {differs}; take the same as made the rest")
 
 
 def _recipes(place: Store, shard: int) -> dict[int, Recipe]:

@@ -216,7 +216,7 @@ def _label_maps(asked: Specification, part: SourcePart) -> list[Path]:
         raise ValueError(f"folder = {part.folder!r} of the sources is not there; give a folder of label maps")
     files = sorted(file for file in folder.glob(part.pattern) if file.is_file())
     if not files:
-        raise ValueError(f"folder = {part.folder!r} holds no {part.pattern}; give a folder of label maps, or a pattern")
+        raise ValueError(f"folder = {part.folder!r} holds no {part.pattern}; give a folder of label maps")
     return files
 
 
