@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 import sonospline as ss
 from small_datasets import SMALL, small
+from sonospline import cli
 from sonospline.dataset import DataSet, Plan, Recipe, Specification, World, make_dataset
-from sonospline.dataset.checking import check
+from sonospline.dataset.checking import Checked, check
 from sonospline.dataset.draws import Stream, even, stream
 from sonospline.dataset.image_truth import displacement_now, labels_now, needle_pixels
 from sonospline.dataset.rebuilding import rebuild
@@ -136,6 +137,15 @@ def test_an_edited_shard_is_found(made, tmp_path):
         "shard 0: table/part-000000.parquet is gone",
         "shard 1: arrays/image/c/1/0/0 is not what manifest.json says",
     ]
+
+
+def test_a_repair_that_mends_nothing_says_so(made, monkeypatch, capsys):
+    differs = Checked(remade=1, problems=["sample 3: image come out otherwise than stored"])
+    monkeypatch.setattr("sonospline.commands.dataset.check", lambda *_, **__: differs)
+    assert cli.main(["dataset", "check", str(made.store.path), "--remake", "1", "--repair", "--quiet"]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "sample 3: image come out otherwise than stored" in said[0]
 
 
 def test_the_numbers_are_plausible(made):

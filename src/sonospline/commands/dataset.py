@@ -121,12 +121,12 @@ def _check(args: argparse.Namespace) -> dict[str, Any]:
     with bar("checking", quiet=args.quiet) as progress:
         found = check(data, remade=args.remake, seed=args.seed, folder=args.files, progress=progress)
     report = {"files": found.files, "remade": found.remade, "problems": found.problems}
-    if args.repair and found.problems:
-        shards = damaged_shards(data)
-        for shard in shards:
-            data.store.remove(receipt_name(shard))
+    shards = damaged_shards(data) if args.repair and found.problems else []
+    for shard in shards:
+        data.store.remove(receipt_name(shard))
+    if shards:
         report["forgotten"] = shards
-    elif found.problems:
+    elif found.problems:  # of samples that are made otherwise, too: nothing that is made again mends those
         more = f", and {len(found.problems) - 1} more" if len(found.problems) > 1 else ""
         raise RuntimeError(f"{found.problems[0]}{more}")
     return report
