@@ -112,3 +112,14 @@ def test_the_page_gets_the_window_behind_everything_else(scene):
 def test_the_command_line_refuses_what_cannot_be(options, said, tmp_path, capsys):
     assert cli.main(["image", "--voxel", "4", "--out", str(tmp_path / "out"), *options]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_recording_with_colours_replays_to_the_same_pictures(scene, tmp_path):
+    pytest.importorskip("mcap")
+    from sonospline.training import Recorder, Recording, replay
+
+    session = Session(scene, model="kelvinlet")
+    with Recorder(tmp_path / "flow.mcap", scene) as recorder:
+        for settings, dt in ((SETTINGS, 0.1), (None, 0.02), (replace(SETTINGS, prf=2000), 0.03)):
+            recorder.add(session.step(settings=settings, dt=dt))
+    assert [step.same for step in replay(Recording.read(tmp_path / "flow.mcap"), scene)] == [True] * 3

@@ -83,7 +83,7 @@ class ReplayPlayer:
             self._make(step)
         frame, found = self._held[place], self.recording.steps[place]
         assert frame is not None
-        return Replayed(found, frame, fingerprint(frame.image.pixels) == found.image)
+        return Replayed(found, frame, fingerprint(frame.image.shown) == found.image)
 
     def pin(self, place: int) -> None:
         """Hold the frame of a place that was just made, until another one is pinned."""
