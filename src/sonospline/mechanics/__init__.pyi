@@ -1,3 +1,4 @@
+from .amortised import AmortisedParameters as AmortisedParameters
 from .bone_stop import Blocked as Blocked
 from .breathing import EXCURSION_MM as EXCURSION_MM
 from .breathing import ORGAN_RATIO as ORGAN_RATIO

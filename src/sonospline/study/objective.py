@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
+from ..mechanics.amortised import TRUNCATION
 from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
 from .metrics import Errors, mean_errors
 from .reference import Reference, errors_along
 
 Array = NDArray[np.float64]
-
-TRUNCATION = 3.0
-"""delta over sigma_s: where the drag has decayed to 1 % it is cut off, as in Table I."""
 
 
 class Tunable(NamedTuple):

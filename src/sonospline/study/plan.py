@@ -29,6 +29,12 @@ class Plan:
     """How many of them are tuned on; a divisor of their number."""
     population: int = POPULATION
     generations: int = GENERATIONS
+    drawn: int = 60
+    """Insertions, from all faces, that sets of parameters are compared on."""
+    alone: int = 12
+    """How many of them parameters are fitted to, each by itself."""
+    fits: int = 450
+    """Evaluations of each such fit."""
     scope: Scope = field(default_factory=Scope)
     """How much the three models are compared."""
     dense_side: int = dense_steps.SIDE
@@ -64,6 +70,9 @@ class Plan:
             tuning_depths=1,
             population=16,
             generations=12,
+            drawn=12,
+            alone=2,
+            fits=90,
             scope=Scope(("H3",), fine=49, depths=4, real=1, checked=19),
             labels=labels,
         )

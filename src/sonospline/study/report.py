@@ -49,6 +49,7 @@ def write(results: Row, about: Row) -> str:
                 *_drift(results["drift"]),
                 *_plane(results["plane"]),
                 *_readings(results["readings"]),
+                *_amortised(results["amortised"]),
             ]
         )
         + "\n"
@@ -235,6 +236,24 @@ def _readings(rows: list[Row]) -> Iterable[str]:
         ("varied", "reading", "accumulation", "max u", "MAE", "RMSE", "MAE / mean u"),
         [(row["group"], row["name"], row["accumulation"], *_errors_of_reading(row)) for row in rows],
     )
+
+
+def _amortised(found: Row) -> Iterable[str]:
+    yield "## Parameters by site, direction and depth"
+    yield (
+        f"{found['count']} insertions drawn from all six faces that no tuning and no learning saw, {found['side']}^3, "
+        "full depth. *Amortised*: the seven by ridge regression on a needle's length, angle and distances from the "
+        f"walls, learnt from elastic fields. *Fitted alone*: for each of the first {found['alone']}, the best that a "
+        f"search of {found['evaluations']} evaluations finds for that very insertion, which nobody has before: what "
+        "no seven parameters reach is the kernel's error."
+    )
+    counts, rows = {"all": found["count"], "few": found["alone"]}, []
+    for group, count in counts.items():
+        tuned = found[group]["tuned"]["relative"]
+        for name, row in found[group].items():
+            label = "ours, one set" if name == "tuned" else name
+            rows.append((label, str(count), *_errors_of(row), f"{row['relative'] / tuned - 1:+.1%}"))
+    yield table(("parameters", "insertions", "MAE", "RMSE", "MAE / mean u", "at the tip", "than ours"), rows)
 
 
 def _errors_of_reading(row: Row) -> tuple[str, str, str, str]:

@@ -19,7 +19,7 @@ from ..geometry.tissue import Tissue
 from ..io.labels import read_labels
 from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
-from . import dense_steps, drift, specimens, step_times
+from . import amortising, dense_steps, drift, specimens, step_times
 from .insertions import PlannedInsertion, held_out_insertions, tuning_insertions
 from .metrics import Errors
 from .models_compared import compare_friction, compare_held, equal_to_scikit_fem, held_factors
@@ -35,7 +35,7 @@ from .tuning import search
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-PARTS = ("tuning", "target", "errors", "drift", "plane", "readings", "models", "anatomy", "times", "dense")
+PARTS = ("tuning", "target", "errors", "drift", "plane", "readings", "amortised", "models", "anatomy", "times", "dense")
 """Of the study, in the order they are computed; the last two want a machine that does nothing else."""
 
 
@@ -96,6 +96,13 @@ class Study:
     def readings(self) -> list[Row]:
         """What the paper can mean."""
         return self._on_the_tuning_mesh("readings", partial(_readings, self._plan))
+
+    def amortised(self) -> Row:
+        """Parameters by site, direction and depth beside the tuned set, on insertions that neither has seen."""
+        plan, tuned = self._plan, self._models["tuned"]
+        how = {"side": plan.sides[0], "count": plan.drawn, "alone": plan.alone, "evaluations": plan.fits}
+        compute = partial(amortising.compare_sets, tuned, workers=plan.workers, **how)
+        return self._notebook.part("amortised", how | {"tuned": asdict(tuned)}, compute)
 
     def models(self) -> Row:
         """The three models against finite elements, cube by cube."""
