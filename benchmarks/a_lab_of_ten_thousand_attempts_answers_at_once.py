@@ -1,6 +1,7 @@
-"""What a trainer asks of a lab with 10,000 attempts: where everybody stands, and a learning curve.
+"""What a trainer asks of a lab with 10,000 attempts: where everybody stands, learning curves, and the page's answer.
 
-Claim: 0.2 s at most, median, with SQLite and with PostgreSQL.
+Claim: 0.2 s at most, median, with SQLite and with PostgreSQL; the page's answer is the message with standings and the
+curves of an exercise, as it is sent.
 
     python benchmarks/a_lab_of_ten_thousand_attempts_answers_at_once.py [sqlite] [postgresql]
 
@@ -17,7 +18,10 @@ from statistics import median
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from lab_stores import fresh, postgresql, record
+from sonospline.course.course import Course
 from sonospline.lab import ResultStore
+from sonospline.server import wire
+from sonospline.server.scene_catalog import SceneCatalog
 from sonospline.training import METRICS
 
 ATTEMPTS, PEOPLE, EXERCISES, MOST_S, TIMES = 10_000, 100, 6, 0.2, 15
@@ -49,12 +53,15 @@ def judge(name, address):
         each = (time.perf_counter() - began) / ATTEMPTS
         standings = taken(store.standings)
         curve = taken(lambda: store.curve("K-7", "exercise 1"))
+        office = Course(SceneCatalog(), store, stations=1, name="day", keeps_recordings=False)
+        page = taken(lambda: wire.text(office.results(today=True, exercise="exercise 1")))
         assert len(store.standings()) == PEOPLE * EXERCISES
     print(
-        f"{name:10s}: standings {1e3 * standings:6.1f} ms, a curve {1e3 * curve:5.1f} ms; an attempt is kept in "
+        f"{name:10s}: standings {1e3 * standings:6.1f} ms, a curve {1e3 * curve:5.1f} ms, the page's "
+        f"answer {1e3 * page:.1f} ms / {1e3 * MOST_S:g}; an attempt is kept in "
         f"{1e3 * each:.1f} ms"
     )
-    return max(standings, curve) <= MOST_S
+    return max(standings, curve, page) <= MOST_S
 
 
 asked = sys.argv[1:] or ["sqlite", "postgresql"]

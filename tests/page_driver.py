@@ -128,10 +128,17 @@ def chromium():
 @contextmanager
 def serving(*options):
     """A simulator in a process of its own; yields its address."""
+    with started(*options) as said:
+        yield said["address"]
+
+
+@contextmanager
+def started(*options):
+    """A simulator in a process of its own; yields all that it says at its start."""
     command = [sys.executable, "-m", "sonospline", "serve", "--port", "0", "--json", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield json.loads(process.stdout.readline())["address"]
+            yield json.loads(process.stdout.readline())
         finally:
             process.terminate()
             process.wait(20)

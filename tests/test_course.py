@@ -212,6 +212,18 @@ def test_the_door_knows_addresses_apart_and_counts_no_missing_token():
     assert door.refusal(door.token, "10.0.0.2") is None
 
 
+def test_participants_are_added_by_codes_that_are_free(lab):
+    lab.store.add_participant("P-1")
+    with Trainer(lab) as trainer:
+        for codes, problem in ((["P-2", "P-1"], "code = 'P-1' is taken"), (["Anna"], "names are not kept")):
+            trainer.send(type="add_participants", codes=codes, group="Friday")
+            assert problem in trainer.until("refused")["message"]
+        assert "P-2" not in dict(lab.store.participants()), "all of them or none"
+        trainer.send(type="add_participants", codes=["P-2", "P-3"], group="Friday")
+        assert {"P-2", "P-3"} <= set(trainer.until("results")["participants"])
+    assert dict(lab.store.participants())["P-3"] == "Friday"
+
+
 def test_results_are_a_table_for_who_has_the_token(lab):
     lab.store.add_participant("T-1")
     assert lab.get("/attempts.csv")[0] == 403

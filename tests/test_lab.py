@@ -81,6 +81,25 @@ def test_a_code_that_is_taken_or_a_name_is_refused(store):
     assert store.participants() == [("K-17", None)] and list(store.attempts()) == []
 
 
+def test_comments_and_curves_are_of_their_attempts(store):
+    for code in ("K-17", "K-18"):
+        store.add_participant(code)
+    for code, passed in (("K-17", True), ("K-18", False), ("K-17", False)):
+        store.add(code, record(passed=passed))
+    store.add_comment(2, 12.5, " Sweep first. ")
+    store.add_comment(2, 3.0, "Good.")
+    assert store.comments(2) == [(3.0, "Good."), (12.5, "Sweep first.")] and store.comments(1) == []
+    curves = store.curves("Vessel")
+    assert {code: curve.failed.tolist() for code, curve in curves.items()} == {"K-17": [False, True], "K-18": [True]}
+    for code, curve in curves.items():
+        np.testing.assert_array_equal(curve.sums, store.curve(code, "Vessel").sums)
+    for attempt, time_s, text, problem in ((9, 1, "x", "is not kept here"), (1, -1, "x", "out of range"),
+                                           (1, np.nan, "x", "out of range"), (1, 1, "  ", "has 0 letters"),
+                                           (1, 1, "x" * 501, "has 501 letters")):  # fmt: skip
+        with pytest.raises(ValueError, match=problem):
+            store.add_comment(attempt, time_s, text)
+
+
 def test_what_fails_midway_leaves_nothing(store):
     store.add_participant("K-17")
     with pytest.raises(ValueError, match="could not convert"):
@@ -141,6 +160,21 @@ def test_tables_of_another_version_are_refused(tmp_path):
         kept.execute("UPDATE about SET value = '0'")
     with pytest.raises(LabDatabaseError, match="has tables of version 0, this sonospline reads 2"):
         ResultStore(path)
+
+
+def test_tables_of_the_version_before_get_what_they_lack(tmp_path):
+    path = tmp_path / "course.db"
+    with ResultStore(path) as store:
+        store.add_participant("K-17")
+        store.add("K-17", record())
+    with sqlite3.connect(path) as kept:
+        kept.execute("DROP TABLE comments")
+        kept.execute("UPDATE about SET value = '1'")
+    for _ in range(2):
+        with ResultStore(path) as store:
+            store.add_comment(1, 2.0, "Kept.")
+    with ResultStore(path) as store:
+        assert store.comments(1) == [(2.0, "Kept.")] * 2 and len(list(store.attempts())) == 1
 
 
 def test_a_database_that_is_away_is_said_without_its_password():

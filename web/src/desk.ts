@@ -21,6 +21,8 @@ export interface Switches {
   swapped: boolean;
   leftHanded: boolean;
   help: boolean;
+  /** The image's left is on the right. */
+  mirrored: boolean;
 }
 
 const HAND = "sonospline-hand";
@@ -34,7 +36,7 @@ export class Desk {
   keys: ReadonlyMap<string, Binding> = bindings([]);
   readonly switches: Switches = {
     guides: true, grid: false, colours: false, probeView: false, placing: false, swapped: false,
-    leftHanded: localStorage.getItem(HAND) === "left", help: false,
+    leftHanded: localStorage.getItem(HAND) === "left", help: false, mirrored: false,
   };
   readonly switched = new Signal<Switches>();
   readonly paced = new Signal<Pace>();

@@ -59,7 +59,7 @@ const desk = new Desk(session, trainer);
 
 const header = new Header(desk);
 const image = new ImagePane(session, desk);
-const readouts = new ReadoutsPart(session);
+const readouts = new ReadoutsPart(session, desk);
 const notice = new NoticePart(desk, header, image);
 const lost = new LostPanel(session, image.element);
 const view = new ViewPane(desk);
@@ -105,11 +105,13 @@ arrange();
 const dress = () => {
   document.body.classList.toggle("left-handed", desk.switches.leftHanded);
   document.body.classList.toggle("swapped", desk.switches.swapped);
+  const { scene } = session;
+  document.body.classList.toggle("needle-right", scene !== null && needleRight(scene) !== desk.switches.mirrored);
 };
 desk.switched.on(dress);
 dress();
 session.sceneReady.on((scene) => {
-  document.body.classList.toggle("needle-right", needleRight(scene));
+  dress();
   document.body.classList.toggle("parallel", parallel(scene.probe));
 });
 trainer.changed.on((phase) => {

@@ -22,6 +22,22 @@ const frame: SkinDirections = { right: [1, 0, 0], depth: [0, 0, 1], out: [0, -1,
 /** x right, y deep, z = x cross y; the image's origin 50 mm left of the skin's. */
 const IMAGE = [1, 0, 0, -40, 0, 0, -1, 20, 0, 1, 0, 0, 0, 0, 0, 1];
 
+describe("a mirrored image", () => {
+  const box = { left: 30, top: 20, width: 512, height: 364 };
+  const [plain, mirrored] = [false, true].map((turned) => new Mapping(box, raster, { width: 600, height: 400 }, turned));
+
+  it("has every place as far from the other side, and comes back to itself", () => {
+    for (const place of [[0, 0], [40, 12.5], [170, 100]]) {
+      const [x, y] = plain.point(place);
+      const [turned, same] = mirrored.point(place);
+      expect(turned).toBeCloseTo(2 * box.left + box.width - x, 9);
+      expect(same).toBe(y);
+      mirrored.back([turned, same]).forEach((value, axis) => expect(value).toBeCloseTo(place[axis], 9));
+    }
+    expect(mirrored.turned([0.6, 0.8])).toEqual([-0.6, 0.8]);
+  });
+});
+
 describe("fit", () => {
   it("keeps the aspect, grows as far as the height allows and leaves the read-outs free", () => {
     const pane = { width: 1080, height: 704 };

@@ -29,26 +29,37 @@ export function fit(pane: Pane, raster: Raster, margins: Margins, keep: Keep = {
   return { left, top: margins.top, width, height };
 }
 
-/** Image mm to pane pixels. */
+/** Image mm to pane pixels; mirrored, the image's left is on the right. */
 export class Mapping {
   readonly scale: number;
+  /** 1, or -1 where it is mirrored: the image's x goes to the left. */
+  readonly sign: 1 | -1;
 
   constructor(
     readonly box: Box,
     readonly raster: Raster,
     readonly pane: Pane,
+    mirrored = false,
   ) {
     this.scale = box.width / (raster.columns * raster.pixel[0]);
+    this.sign = mirrored ? -1 : 1;
   }
 
   point(p: readonly number[]): Point {
     const { box, raster, scale } = this;
-    return [box.left + (p[0] + raster.pixel[0] / 2) * scale, box.top + (p[1] + raster.pixel[1] / 2) * scale];
+    const x = (p[0] + raster.pixel[0] / 2) * scale;
+    return [this.sign > 0 ? box.left + x : box.left + box.width - x, box.top + (p[1] + raster.pixel[1] / 2) * scale];
   }
 
   /** Pane pixels to image mm. */
   back(p: Point): Point {
     const { box, raster, scale } = this;
-    return [(p[0] - box.left) / scale - raster.pixel[0] / 2, (p[1] - box.top) / scale - raster.pixel[1] / 2];
+    const x = this.sign > 0 ? p[0] - box.left : box.left + box.width - p[0];
+    return [x / scale - raster.pixel[0] / 2, (p[1] - box.top) / scale - raster.pixel[1] / 2];
+  }
+
+  /** A direction in the image as it is on the screen. */
+  turned([x, y]: readonly [number, number]): Point {
+    return [this.sign * x, y];
   }
 }

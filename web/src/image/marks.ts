@@ -74,8 +74,9 @@ export class Marks {
     const face = sector.face.map(([x, y]) => map.point([x + origin[0], y + origin[1]]));
     const lifted = face.map(([x, y]): Point => [x, y - 5]);
     this.face.draw(polyline(lifted));
-    const [left, right] = [lifted[0], lifted[lifted.length - 1]];
-    set(this.dot, { cx: (left[0] - 17).toFixed(1), cy: (left[1] - 5).toFixed(1) });
+    const marked = lifted[0];
+    const [left, right] = [marked, lifted[lifted.length - 1]].sort(([a], [b]) => a - b);
+    set(this.dot, { cx: (marked[0] - 17 * map.sign).toFixed(1), cy: (marked[1] - 5).toFixed(1) });
     const skin = skinLine(scene.frame, header.image_to_reference);
     this.drawZone(map, header, scene);
     this.box.draw(header.colour ? polyline(header.colour.outline.map(([x, y]) => map.point([x + origin[0], y + origin[1]]))) : "");
@@ -111,13 +112,13 @@ export class Marks {
     const length = Math.max(pose.depth, 1) * needle.share;
     const seen = reach(sector.outline, from, needle.along, length);
     const step = (t: number) => map.point([needle.entry[0] + t * needle.along[0], needle.entry[1] + t * needle.along[1]]);
-    const start = Math.max(slid * needle.share, intoSight(step(0), needle.along, map.pane, INSET) / map.scale);
+    const start = Math.max(slid * needle.share, intoSight(step(0), map.turned(needle.along), map.pane, INSET) / map.scale);
     const place = step(start);
     const edge = HANDLE / map.scale + start;
     this.shaft.draw(seen > edge ? polyline([step(edge), step(seen)]) : "");
     set(this.handle, { transform: `translate(${at(place).replace(" ", ",")})` });
     const arrows = this.handle.children[2];
-    const degrees = (Math.atan2(needle.along[1], needle.along[0]) * 180) / Math.PI;
+    const degrees = (Math.atan2(needle.along[1], map.sign * needle.along[0]) * 180) / Math.PI;
     set(arrows, { d: "M-6 0H6M-6 0l3-3M-6 0l3 3M6 0l-3-3M6 0l-3 3", transform: `rotate(${degrees.toFixed(1)})` });
     return place;
   }

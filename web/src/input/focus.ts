@@ -3,7 +3,7 @@
 /** Bubbles from a widget that a pointer opened and that is done with. */
 export const DONE = "done";
 /** What keeps the focus that a pointer gave it: a text that is typed, a menu, a dialog, an error to copy. */
-const KEEPERS = "input, dialog, [role=menu], [role=alertdialog], pre, .briefing, .sit-down, .debrief, .player";
+const KEEPERS = "input, dialog, [role=menu], [role=alertdialog], pre, .briefing, .sit-down, .debrief, .player, .calliper";
 
 export function returnFocus(image: HTMLElement): void {
   const focus = () => image.focus({ preventScroll: true });

@@ -34,10 +34,10 @@ export function handleInput(pane: ImagePane, desk: Desk): void {
     return {
       move: (dx, dy) => {
         const along = dx * axis[0] + dy * axis[1];
-        const sideways = -dx * axis[1] + dy * axis[0];
+        const sideways = map.sign * (-dx * axis[1] + dy * axis[0]);
         if (!mode && Math.hypot(dx, dy) > DECIDE) mode = Math.abs(along) >= Math.abs(sideways) ? "along" : "sideways";
         const pace = PACE[desk.motion.pace];
-        if (desk.switches.placing) desk.goTo(ALONG, entry + dx / map.scale, "fast");
+        if (desk.switches.placing) desk.goTo(ALONG, entry + (map.sign * dx) / map.scale, "fast");
         else if (mode === "along") {
           pane.grabbedAt = depth;
           desk.goTo(PUSH, depth + (along / map.scale) * pace, "fast");

@@ -62,7 +62,7 @@ export class Standings {
       "tr",
       {},
       h("th", { scope: "row" }, who),
-      h("td", { class: "exercise" }, one.exercise),
+      h("td", { class: "exercise", title: one.exercise }, one.exercise),
       h("td", {}, `${one.passed} of ${one.attempts}`),
       h("td", {}, mm(one.final_error_mm)),
       h("td", {}, mm(one.blind_advance_mm)),

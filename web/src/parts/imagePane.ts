@@ -42,6 +42,7 @@ export class ImagePane {
   /** Depth at which a drag along the needle took hold of the handle, which then goes with the needle. */
   grabbedAt: number | null = null;
   private layout: Layout = "desktop";
+  private mirrored = false;
   private size = { width: 0, height: 0 };
   private pixels = 0;
   private view: Sector | null = null;
@@ -87,7 +88,12 @@ export class ImagePane {
       toggle(this.element, "held", status !== "live");
       if (status === "loading") this.place();
     });
-    desk.switched.on(({ guides, placing }) => {
+    desk.switched.on(({ guides, placing, mirrored }) => {
+      if (mirrored !== this.mirrored) {
+        this.mirrored = mirrored;
+        toggle(this.picture.canvas, "mirrored", mirrored);
+        this.place();
+      }
       toggle(this.element, "no-guides", !guides);
       toggle(this.element, "placing", placing);
     });
@@ -134,7 +140,8 @@ export class ImagePane {
   /** Unit direction of the needle on the screen. */
   needleOnScreen(): Point | null {
     const { frame, scene, command } = this.session;
-    return frame && scene && command ? needleInImage(scene.frame, command.needle, frame.header.image_to_reference).along : null;
+    if (!frame || !scene || !command || !this.mapping) return null;
+    return this.mapping.turned(needleInImage(scene.frame, command.needle, frame.header.image_to_reference).along);
   }
 
   /** The entry u of a place on the skin line outside the image; null elsewhere. */
@@ -186,14 +193,14 @@ export class ImagePane {
   /** As large as can be; it gives way where the read-outs would stand over the sector. */
   private layOut(scene: Scene, raster: Raster): Mapping {
     const { layout, size } = this;
-    const right = needleRight(scene);
+    const right = needleRight(scene) !== this.mirrored;
     const alone = this.readOnly || this.session.reviewing || size.width < NARROW;
     const corner = readoutCorner(layout, right, alone);
     const kept = keep(layout, right, window.innerHeight > window.innerWidth, alone);
     const room = margins(layout, parallel(scene.probe), alone);
     for (let less = 0; ; less += GIVE_WAY) {
       const box = fit(size, raster, corner ? { ...room, [corner.side]: room[corner.side] + less } : room, kept);
-      const mapping = (this.mapping = new Mapping(box, raster, size));
+      const mapping = (this.mapping = new Mapping(box, raster, size, this.mirrored));
       if (!corner || less > size.width / 4 || this.room(corner.side, 0, corner.height) >= corner.width) return mapping;
     }
   }

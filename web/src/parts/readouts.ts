@@ -1,6 +1,7 @@
 /** The five numbers: text at most ten times a second, the unrounded values in `data-value`. */
 
 import { Caution } from "../caution";
+import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
 import { signless } from "../knobs";
@@ -23,6 +24,11 @@ export const towardsViewer = (values: Values): number => (values.out_of_plane ==
 export const inPlane = (values: Values): boolean => Math.abs(values.out_of_plane) <= values.half_slice;
 export const onTarget = (values: Values, scene: Scene): boolean =>
   values.tip_to_target <= scene.tolerance_mm;
+
+/** To the right on the screen, deeper, away from the viewer. */
+function asSeen([right, deeper, away]: Values["moved_parts"], mirrored: boolean): Values["moved_parts"] {
+  return [mirrored ? -right : right, deeper, away];
+}
 
 interface Row { root: HTMLElement; number: HTMLOutputElement; unit: HTMLElement; note: HTMLElement }
 
@@ -50,7 +56,10 @@ export class ReadoutsPart {
   private written = -1;
   private apartSince: number | null = null;
 
-  constructor(private readonly session: Session) {
+  constructor(
+    private readonly session: Session,
+    private readonly desk: Desk,
+  ) {
     this.rows.plane.note.before(h("span", { class: "plane-bar", "aria-hidden": "true" }, this.slice, this.bar));
     this.rows.force.note.after(this.moment);
     this.rows.force.note.before(h("span", { class: "force-bar", "aria-hidden": "true" }, this.push));
@@ -94,7 +103,7 @@ export class ReadoutsPart {
     write(depth.note, ENDS[header.blocked ?? ""] ?? `of ${scene.needle.length_mm.toFixed(0)} mm`);
     toggle(depth.root, "caution", this.cautions.depth.on);
     number(moved, values.moved, false);
-    write(moved.note, this.cautions.folds.on ? "the tissue folds" : parts(values.moved_parts));
+    write(moved.note, this.cautions.folds.on ? "the tissue folds" : parts(asSeen(values.moved_parts, this.desk.switches.mirrored)));
     toggle(moved.root, "caution", this.cautions.folds.on);
     number(plane, towardsViewer(values), true);
     const out = this.cautions.plane.on;

@@ -3,14 +3,30 @@
 import type { Desk } from "../desk";
 import { h, toggle, write } from "../dom";
 import { icon } from "../icons";
-import { COLOUR, show, SLIDERS, TRANSMIT } from "../knobs";
+import { COLOUR, DEPTH, FOCUS, FREQUENCY, GAIN, show, SLIDERS, TRANSMIT } from "../knobs";
 import type { ImageSettings, Knob } from "../protocol";
+import { clamp } from "../vec";
 import { popup } from "./menu";
 import { stepper } from "./stepper";
 
 const MAPS: readonly ImageSettings["grey_map"][] = ["linear", "soft", "contrast", "dark", "reject"];
 /** How a hand leaves sliders, dB: as `IMPERFECT_TGC_DB` of the package. */
 const IMPERFECT = [1.5, -2, 0.5, 2.5, -1, 1, -3, 2];
+
+interface Seen { frequency: number; depth: number; focus: number; gain: number }
+type Preset = (start: Seen, frequency: Knob, depth: Knob) => Seen;
+/** From how the scene starts: finer and nearer, or deeper and louder. */
+const PRESETS: Record<string, Preset> = {
+  "As the scene": (start) => start,
+  Resolution: (start, { high }, { low }) => {
+    const depth = Math.max(low, 0.75 * start.depth);
+    return { frequency: (start.frequency + high) / 2, depth, focus: Math.min(start.focus, depth / 2), gain: start.gain };
+  },
+  Penetration: (start, { low }, { high }) => {
+    const depth = Math.min(high, 1.35 * start.depth);
+    return { frequency: (start.frequency + low) / 2, depth, focus: 0.6 * depth, gain: start.gain + 4 };
+  },
+};
 
 export class ScannerMenu {
   private readonly button: HTMLElement;
@@ -24,7 +40,7 @@ export class ScannerMenu {
     const [button, menu] = [`scanner-button${place}`, `scanner-menu${place}`];
     this.button = h(
       "button",
-      { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "TGC, transmit focus, harmonic, colour Doppler, grey map" },
+      { type: "button", class: "button", id: button, "aria-haspopup": "menu", "aria-expanded": "false", "aria-controls": menu, "data-hint": "Presets, left and right, TGC, transmit focus, harmonic, colour Doppler, grey map" },
       h("span", {}, "TGC", h("span", { class: "more" }, ", colour")),
       icon("chevron", 14),
     );
@@ -54,6 +70,9 @@ export class ScannerMenu {
     const transmit = stepper(this.desk, session.knob(TRANSMIT));
     this.refreshed.push(transmit.refresh);
     const entries = [
+      h("h3", {}, "Presets"),
+      h("div", { class: "row maps presets" }, ...Object.entries(PRESETS).map(([name, of]) => this.action(name, () => this.preset(of)))),
+      this.mirror(),
       h("h3", {}, "Time-gain compensation"),
       h("div", { class: "sliders" }, ...sliders),
       h("div", { class: "row" }, this.action("Level", all([])), this.action("As left by a hand", all(IMPERFECT))),
@@ -65,6 +84,35 @@ export class ScannerMenu {
     ];
     this.refresh();
     return entries;
+  }
+
+  /** All of frequency, depth, focus, gain and sliders at once. */
+  private preset(of: Preset): void {
+    const { session } = this.desk;
+    if (!session.scene) return;
+    const { image } = session.scene.start;
+    const [frequency, depth] = [session.knob(FREQUENCY), session.knob(DEPTH)];
+    const chosen = of({ frequency: image.frequency, depth: image.depth, focus: image.focus, gain: image.gain }, frequency, depth);
+    for (const [id, value] of [[FREQUENCY, chosen.frequency], [DEPTH, chosen.depth], [FOCUS, chosen.focus], [GAIN, chosen.gain]] as const) {
+      const knob = session.knob(id);
+      session.setKnob(id, clamp(value, knob.low, knob.high));
+    }
+    SLIDERS.forEach((id) => session.setKnob(id, 0));
+  }
+
+  /** Left and right change places, and the mark of the probe's side with them. */
+  private mirror(): HTMLElement {
+    const item = h(
+      "button",
+      { type: "button", role: "menuitemcheckbox", tabindex: -1, onclick: () => {
+        this.desk.flip("mirrored");
+        this.refresh();
+      } },
+      h("b", {}, "Left and right"),
+      h("span", {}, "The image mirrored, with the mark of the probe's side"),
+    );
+    this.refreshed.push(() => item.setAttribute("aria-checked", String(this.desk.switches.mirrored)));
+    return item;
   }
 
   /** Colour Doppler, where anything flows: the switch, and what its box needs. */
