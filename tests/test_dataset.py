@@ -54,6 +54,21 @@ def test_a_sample_depends_on_its_number_alone(made):
     assert np.array_equal(made.shard(1)["image"][0], alone.arrays["image"])
 
 
+def test_a_model_without_forces_has_none_in_the_table():
+    plan = Plan(small(use='"kelvinlet"'))
+    sample = World(plan.anatomy(0), plan.labels()).sample(plan.recipe(0))
+    assert sample.row["force_axial_n"] is None
+    assert sample.arrays["displacement"].any()
+
+
+def test_tissue_that_moves_too_far_is_no_sample(monkeypatch):
+    """A scanner that had to be aimed farther would show the next sample with other bits."""
+    monkeypatch.setattr("sonospline.dataset.sample._MARGINS_MM", (0.1,))
+    plan = Plan(small())
+    with pytest.raises(RuntimeError, match=r"the tissue moves by .* mm, farther than 0.1"):
+        World(plan.anatomy(0), plan.labels()).sample(plan.recipe(0))
+
+
 def contents(folder):
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 

@@ -72,6 +72,8 @@ class DataSet:
         self.forms = {} if self.form == "recipe" else array_forms(self.specification, beams and tuple(beams))
         """What its arrays are, by name."""
         self._read_shard = lru_cache(maxsize=_KEPT_SHARDS)(self._read)
+        self._table = lru_cache(maxsize=_KEPT_SHARDS)(self._read_table)
+        self._splits = lru_cache(maxsize=None)(self._read_splits)
 
     @property
     def form(self) -> str:
@@ -174,11 +176,7 @@ class DataSet:
             random.shuffle(shards)
         for number in shards[part::parts]:
             held = self._read(number, names)
-            chosen = [
-                place
-                for place, row in enumerate(self._table(number))
-                if row["failed"] is None and split in (None, row["split"])
-            ]
+            chosen = [n for n, its in enumerate(self._splits(number)) if its is not None and split in (None, its)]
             if random is not None:
                 random.shuffle(chosen)
             converted = {name: self.in_units(name, held[name]) for name in names}
@@ -193,16 +191,15 @@ class DataSet:
     def _shards_of(self, split: str | None) -> list[int]:
         """Shards that hold samples of a split."""
         found = range(self.specification.shards)
-        return [n for n in found if split is None or any(row["split"] == split for row in self._table(n))]
+        return [n for n in found if split is None or split in self._splits(n)]
 
-    def _table(self, number: int) -> list[dict[str, Any]]:
-        return self._tables(number)
+    def _read_table(self, number: int) -> list[dict[str, Any]]:
+        return read_rows(self.store.read(table_name(number)))
 
-    @property
-    def _tables(self) -> Any:
-        if "_rows_of" not in self.__dict__:
-            self._rows_of = lru_cache(maxsize=64)(lambda number: read_rows(self.store.read(table_name(number))))
-        return self._rows_of
+    def _read_splits(self, number: int) -> list[str | None]:
+        """Of each sample of a shard its split; None of one that failed."""
+        rows = read_rows(self.store.read(table_name(number)), ["split", "failed"])
+        return [row["split"] if row["failed"] is None else None for row in rows]
 
     def _read(self, number: int, names: tuple[str, ...] | None = None) -> Arrays:
         names = tuple(self.forms) if names is None else names

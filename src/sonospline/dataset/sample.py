@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle, equal_steps
+from ..geometry.plane import ImagePlane
 from ..models.contract import Response, TissueModel
 from ..models.insertion import NEEDLE
 from ..simulator.scene_model import tissue_model
 from ..ultrasound.artefacts import Artefacts
+from ..ultrasound.bmode import BMode
 from ..ultrasound.display import Display
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.synthesis import Scanner
@@ -123,31 +125,40 @@ class World:
         ValueError, RuntimeError
             It cannot be: an entry in bone, tissue that does not come to rest.
         """
-        asked, anatomy = self.anatomy.asked, self.anatomy
-        response, events = _inserted(self.model, recipe, asked)
-        needle = dict(response.state.needles)[NEEDLE]
-        field = GridField.of(response.field)
+        response, events = _inserted(self.model, recipe, self.anatomy.asked)
+        needle, field = dict(response.state.needles)[NEEDLE], GridField.of(response.field)
         largest = float(np.abs(field.values).max())
-        if not np.isfinite(largest):
-            raise UnsettledError("the displacement is not finite")
+        if not largest <= _MARGINS_MM[-1]:
+            raise UnsettledError(f"the tissue moves by {largest:g} mm, farther than {_MARGINS_MM[-1]:g}")
         view = self.scanner(recipe, largest)
-        scanner = view.with_display(
-            gain_db=view.display.gain_db + recipe.gain_db, noise_db=recipe.noise_db
-        )  # fmt: skip
+        scanner = view.with_display(gain_db=view.display.gain_db + recipe.gain_db, noise_db=recipe.noise_db)
         bmode = scanner.render(field, needle, frame=recipe.index)
-        fan, plane, stored = bmode.frame.mask, bmode.frame.plane, asked.stored
-        assert fan is not None
-        diameter = LOOKS[anatomy.source.scene.needle.look]().diameter_mm
-        shaft = needle_pixels(needle, diameter, anatomy.probe, plane) & fan
-        arrays: dict[str, NDArray[Any]] = {}
+        shaft = self._shaft(needle, bmode)
+        row = {
+            "index": recipe.index, "split": split, "failed": None, "source": recipe.scene, "anatomy": recipe.anatomy,
+            "view": recipe.view, "target": recipe.target, "target_mm": recipe.target_mm,
+            **_places(scanner, needle, recipe, field), **_forces(response), "needle_px": int(shaft.sum()),
+            "largest_mm": largest, "frequency_mhz": self.anatomy.probe.frequency_mhz,
+            "image_depth_mm": self.anatomy.probe.depth_mm, "gain_db": recipe.gain_db, "noise_db": recipe.noise_db,
+            "events": events, "recipe": recipe.as_json(),
+        }  # fmt: skip
+        return Sample(recipe, self._arrays(field, bmode, shaft), row)
+
+    def _shaft(self, needle: Needle, bmode: BMode) -> NDArray[np.bool_]:
+        """Pixels of the needle inside the fan."""
+        diameter = LOOKS[self.anatomy.source.scene.needle.look]().diameter_mm
+        return needle_pixels(needle, diameter, self.anatomy.probe, bmode.frame.plane) & _fan(bmode)
+
+    def _arrays(self, field: GridField, bmode: BMode, shaft: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+        """What the specification keeps."""
+        stored, plane, arrays = self.anatomy.asked.stored, bmode.frame.plane, dict[str, NDArray[Any]]()
         if stored.image:
             arrays["image"] = bmode.pixels
         if stored.labels or stored.displacement:
             moved = displacement_now(field, plane, stored.stride)
             if stored.labels:
-                arrays["labels"] = np.where(
-                    fan, labels_now(anatomy.painted.acoustic, self._numbers, moved, plane), 0
-                ).astype(np.uint8)
+                now = labels_now(self.anatomy.painted.acoustic, self._numbers, moved, plane)
+                arrays["labels"] = np.where(_fan(bmode), now, np.uint8(0))
             if stored.displacement:
                 arrays["displacement"] = _hundredths(moved)
         if stored.needle:
@@ -157,22 +168,7 @@ class World:
         if stored.iq:
             iq = (bmode.iq / np.sqrt(bmode.optics.speckle_power).astype(np.float32)).view(np.float32)
             arrays["iq"] = iq.reshape(*bmode.iq.shape, 2).astype(np.float16)
-        target = np.array(recipe.target_mm)
-        now = target + field.displacement(target)
-        row = {
-            "index": recipe.index, "split": split, "failed": None, "source": recipe.scene, "anatomy": recipe.anatomy,
-            "view": recipe.view, "target": recipe.target, "target_mm": recipe.target_mm, "target_now_mm": now.tolist(),
-            "entry_mm": needle.entry.tolist(), "tip_mm": needle.tip.tolist(), "depth_mm": needle.depth,
-            "tip_px": _pixel(scanner, needle.tip), "target_px": _pixel(scanner, now),
-            "tip_off_plane_mm": float(plane.project(needle.tip[None])[0, 2]),
-            "needle_px": int(shaft.sum()),
-            "force_axial_n": _axial(response), "force_n": _force(response),
-            "error_estimate": response.error_estimate, "largest_mm": largest,
-            "image_to_reference": plane.image_to_reference.ravel().tolist(), "pixel_mm": plane.spacing_mm[0],
-            "frequency_mhz": anatomy.probe.frequency_mhz, "image_depth_mm": anatomy.probe.depth_mm,
-            "gain_db": recipe.gain_db, "noise_db": recipe.noise_db, "events": events, "recipe": recipe.as_json(),
-        }  # fmt: skip
-        return Sample(recipe, arrays, row)
+        return arrays
 
 
 def _inserted(model: TissueModel, recipe: Recipe, asked: Specification) -> tuple[Response, list[str]]:
@@ -212,19 +208,36 @@ def _on_lattice(field: GridField, nodes: int) -> NDArray[np.floating]:
     return field.displacement(places).reshape(nodes, nodes, nodes, 3)
 
 
-def _pixel(scanner: Scanner, place: NDArray[np.floating]) -> list[float]:
+def _places(scanner: Scanner, needle: Needle, recipe: Recipe, field: GridField) -> dict[str, Any]:
+    """Columns of the table: where needle, target and image are."""
+    target, plane = np.array(recipe.target_mm), scanner.plane
+    now = target + field.displacement(target)
+    return {
+        "target_now_mm": now.tolist(), "entry_mm": needle.entry.tolist(), "tip_mm": needle.tip.tolist(),
+        "depth_mm": needle.depth, "tip_px": _pixel(plane, needle.tip), "target_px": _pixel(plane, now),
+        "tip_off_plane_mm": float(plane.project(needle.tip[None])[0, 2]),
+        "image_to_reference": plane.image_to_reference.ravel().tolist(), "pixel_mm": plane.spacing_mm[0],
+    }  # fmt: skip
+
+
+def _forces(response: Response) -> dict[str, Any]:
+    """Columns of the table: the needle's force on the tissue, and the error of the field; None where not known."""
+    # get() would ask a model that knows no forces for one
+    force = response.forces[NEEDLE] if NEEDLE in response.forces else None  # noqa: SIM401
+    return {
+        "force_axial_n": None if force is None else force.axial_n,
+        "force_n": None if force is None else force.force_n.tolist(),
+        "error_estimate": response.error_estimate,
+    }
+
+
+def _pixel(plane: ImagePlane, place: NDArray[np.floating]) -> list[float]:
     """Column and row of a place's foot on the image."""
-    plane = scanner.plane
-    x, y, _ = plane.project(place[None])[0]
-    return [
-        float((x - plane.corner_mm[0]) / plane.spacing_mm[0]),
-        float((y - plane.corner_mm[1]) / plane.spacing_mm[1]),
-    ]
+    at = (plane.project(place[None])[0, :2] - plane.corner_mm) / plane.spacing_mm
+    return [float(at[0]), float(at[1])]
 
 
-def _axial(response: Response) -> float | None:
-    return response.forces[NEEDLE].axial_n if NEEDLE in response.forces else None
-
-
-def _force(response: Response) -> list[float] | None:
-    return response.forces[NEEDLE].force_n.tolist() if NEEDLE in response.forces else None
+def _fan(bmode: BMode) -> NDArray[np.bool_]:
+    fan = bmode.frame.mask
+    assert fan is not None  # synthetic images have one
+    return fan
