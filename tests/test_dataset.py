@@ -18,6 +18,8 @@ from sonospline.dataset.checking import Checked, check
 from sonospline.dataset.draws import Stream, even, stream
 from sonospline.dataset.image_truth import displacement_now, labels_now, needle_pixels
 from sonospline.dataset.rebuilding import rebuild
+from sonospline.dataset.recipe import UnplaceableError
+from sonospline.dataset.shard import WorkerError
 from sonospline.dataset.specification import specification_schema
 from sonospline.dataset.store import PARTIAL, Folder, StoreError, store_at
 from sonospline.dataset.table_statistics import statistics
@@ -88,7 +90,7 @@ def test_what_is_missing_is_made_again(made, tmp_path):
     assert files == other
 
 
-def test_a_sample_that_fails_is_listed_and_stops_no_other(tmp_path, monkeypatch):
+def test_a_sample_that_fails_is_listed_and_stops_no_other(made, tmp_path, monkeypatch):
     sample = World.sample
     monkeypatch.setattr(
         World, "sample", lambda self, recipe, split="": sample(self, recipe, split) if recipe.index != 3 else 1 / 0
@@ -101,6 +103,50 @@ def test_a_sample_that_fails_is_listed_and_stops_no_other(tmp_path, monkeypatch)
     assert not data.shard(1)["image"][1].any()
     with pytest.raises(ValueError, match="index = 3 is a sample that could not be made"):
         data.sample(3)
+    monkeypatch.undo()  # what is no sample's own fault is tried again
+    assert make_dataset(small(), tmp_path).failed == {}
+    assert DataSet(tmp_path).manifest["hash"] == made.manifest["hash"]
+
+
+def test_a_fault_of_the_machine_is_no_sample_s(tmp_path, monkeypatch):
+    def away(*_):
+        raise OSError(116, "Stale file handle")
+
+    monkeypatch.setattr(World, "sample", away)
+    with pytest.raises(OSError, match="Stale file handle"):
+        make_dataset(small(), tmp_path)
+    assert not list(tmp_path.glob("receipts/*"))
+
+
+@pytest.mark.slow
+def test_a_sample_that_could_not_be_drawn_stays_so(tmp_path, monkeypatch):
+    recipe = Plan.recipe
+
+    def drawn(self, index):
+        if index == 3:
+            raise UnplaceableError("no needle fits")
+        return recipe(self, index)
+
+    monkeypatch.setattr(Plan, "recipe", drawn)
+    make_dataset(small("recipe"), tmp_path / "recipes")
+    monkeypatch.undo()
+    assert rebuild(DataSet(tmp_path / "recipes"), tmp_path / "again").failed == {3: "no needle fits"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "error", "said"),
+    [
+        ("made_by", {"numpy": "1.0"}, WorkerError, "samples would come out otherwise than the recipes': numpy is"),
+        ("sources", "other", ValueError, "are of other label maps or scenes; bring those back"),
+    ],
+)
+def test_recipes_of_other_makers_or_sources_are_refused(entry, value, error, said, tmp_path):
+    make_dataset(small("recipe"), tmp_path / "recipes")
+    plan = tmp_path / "recipes/plan.json"
+    plan.write_text(json.dumps(json.loads(plan.read_text()) | {entry: value}))
+    with pytest.raises(error, match=said):
+        make_dataset(small(), tmp_path / "again", recipes=DataSet(tmp_path / "recipes").store)
+    assert not (tmp_path / "again").exists()
 
 
 def test_a_fault_of_every_sample_ends_the_run(tmp_path, monkeypatch):

@@ -52,9 +52,7 @@ class Anatomy:
     def of(cls, asked: Specification, origins: Sequence[Origin], number: int) -> Anatomy:
         """Return an anatomy: a function of the specification and the number alone."""
         random = stream(asked.seed, Stream.ANATOMY, number)
-        ends = np.cumsum([origin.weight for origin in origins])
-        chosen = int(np.searchsorted(ends, random.random() * ends[-1], side="right"))
-        found = source(asked, origins[min(chosen, len(origins) - 1)])
+        found = source(asked, _drawn_origin(random, origins))
         form = found.drawn(random, asked)
         factors = {name: _drawn_factors(random, asked) for name in sorted(_names(found))}
         probe = _drawn_probe(random, asked, found.scene.probe, artefacts=found.scene.display.artefacts)
@@ -147,6 +145,17 @@ class Anatomy:
         if not len(index):
             return index
         return index[self.source.grid.contains(self.painted.acoustic.position(index.astype(float)))]
+
+
+def origin_of(asked: Specification, origins: Sequence[Origin], number: int) -> Origin:
+    """Return what an anatomy is drawn from, by its number."""
+    return _drawn_origin(stream(asked.seed, Stream.ANATOMY, number), origins)
+
+
+def _drawn_origin(random: Generator, origins: Sequence[Origin]) -> Origin:
+    ends = np.cumsum([origin.weight for origin in origins])
+    chosen = int(np.searchsorted(ends, random.random() * ends[-1], side="right"))
+    return origins[min(chosen, len(origins) - 1)]
 
 
 def mechanical_names(source: Source) -> dict[int, str]:

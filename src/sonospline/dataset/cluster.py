@@ -13,6 +13,7 @@ from .shard import Job, Receipt, WorkerError, make_shard
 
 ANSWER_S = 10.0
 """A scheduler answers within that."""
+_CORE = ("backend", "instruction_set", "core")
 WORKERS_S = 60.0
 """Workers come within that."""
 _KILLED = 8
@@ -112,9 +113,9 @@ def made_on(client: Any) -> Provenance:
         if isinstance(one, BaseException):
             why = " ".join(str(one).split())[:200]
             raise WorkerError(f"worker {address} cannot run sonospline ({why}); install the same version there")
-        # instruction sets and backends of the workers count, and may be others than this machine's
+        # the workers' core counts, and may be another than this machine's
         free = () if address == next(iter(found)) else ("backend", "instruction_set")
-        wanted = {**ours, **{name: theirs[name] for name in ("backend", "instruction_set")}}
+        wanted = {**ours, **{name: theirs[name] for name in _CORE}}
         differs = difference(wanted, one)
         if differs:
             core = "; build the core there" if free and one["backend"] == "numpy" else ""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from .._digest import digest
@@ -15,8 +16,8 @@ from .finish import finish
 from .layout import PLAN, receipt_name
 from .plan import Plan
 from .provenance import Provenance, difference, provenance
-from .shard import Job, Receipt, make_shard
-from .source import source
+from .shard import Job, Receipt, WorkerError, make_shard
+from .source import Origin, source
 from .specification import Specification
 from .store import Store, store_at
 
@@ -113,9 +114,12 @@ def make_dataset(
     say = say or (lambda text: None)
     with _client(client, workers, scheduler, say) as at:
         made_by = provenance() if at is None else made_on(at)
-        _claim(place, plan, labels, made_by)
+        sources = {origin: source(asked, origin).hash for origin in plan.origins}
+        if recipes is not None:
+            _check_recipes(recipes, sources, made_by)
+        _claim(place, plan, labels, sources, made_by)
         beams = _beams(plan)
-        job = Job(plan=plan, place=place, labels=labels, made_by=made_by, beams=beams, recipes=recipes)
+        job = Job(plan=plan, place=place, labels=labels, sources=sources, made_by=made_by, beams=beams, recipes=recipes)
         place.remove_partial()
         receipts = {receipt.shard: receipt for receipt in whole_shards(place, asked)}
         missing = [shard for shard in range(asked.shards) if shard not in receipts]
@@ -140,7 +144,10 @@ def _stop_where_all_fail(receipts: list[Receipt], shards: int) -> None:
 
 
 def whole_shards(place: Store, asked: Specification) -> Iterator[Receipt]:
-    """Yield the receipt of each shard that is there with files of the right length, and at least one sample."""
+    """Yield the receipt of each shard that is there: its files of the right length, and at least one sample.
+
+    One with samples that may not fail another time is to be made again.
+    """
     for name in place.names("receipts"):
         try:
             receipt = Receipt.of(json.loads(place.read(name)))
@@ -149,7 +156,7 @@ def whole_shards(place: Store, asked: Specification) -> Iterator[Receipt]:
         if name != receipt_name(receipt.shard) or receipt.shard >= asked.shards:
             continue
         whole = all(place.size(file) == size for file, (_, size) in receipt.files.items())
-        if whole and len(receipt.failed) < receipt.samples:
+        if whole and receipt.final and len(receipt.failed) < receipt.samples:
             yield receipt
 
 
@@ -169,13 +176,27 @@ def _made(job: Job, missing: list[int], client: Any) -> Iterable[Receipt]:
     return made_by_workers(client, job, missing)
 
 
-def _claim(place: Store, plan: Plan, labels: dict[str, int], made_by: Provenance) -> None:
+def _check_recipes(recipes: Store, sources: Mapping[Origin, str], made_by: Provenance) -> None:
+    """Raise where samples would come out otherwise than those that recipes were drawn for."""
+    drawn = read_plan(recipes)
+    differs = difference(drawn["made_by"], made_by)
+    if differs:
+        raise WorkerError(f"samples would come out otherwise than the recipes': {differs}; make them with the same")
+    if drawn["sources"] != digest(list(sources.values())):
+        raise ValueError(f"recipes of {recipes.address!r} are of other label maps or scenes; bring those back")
+
+
+def _claim(
+    place: Store, plan: Plan, labels: dict[str, int], sources: Mapping[Origin, str], made_by: Provenance
+) -> None:
     """Write the plan, or check that the one that is there is this one."""
-    sources = [source(plan.asked, origin).hash for origin in plan.origins]
     asked = {
         "format": FORMAT, "format_version": FORMAT_VERSION, "specification": plan.asked.as_table(),
-        "digest": plan.asked.digest, "sources": digest(sources), "labels": labels, "made_by": made_by,
+        "digest": plan.asked.digest, "sources": digest(list(sources.values())), "labels": labels,
+        "made_by": made_by,
     }  # fmt: skip
+    if plan.asked.storage.names_of_files:
+        asked["files"] = {hash_: Path(origin.file).name for origin, hash_ in sources.items() if origin.file is not None}
     if not place.holds(PLAN):
         if place.names(""):
             raise ValueError(f"out = {place.address!r} holds other files; give a new folder, or one of this data set")

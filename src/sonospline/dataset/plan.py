@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
-from .anatomy import Anatomy, tissue_names
+from .anatomy import Anatomy, origin_of, tissue_names
 from .draws import even
 from .recipe import Recipe, UnplaceableError, drawn_recipe
 from .source import Origin, origins, source
@@ -43,11 +43,17 @@ class Plan:
     def __init__(self, asked: Specification, given: Sequence[Origin] | None = None) -> None:
         self.asked = asked
         self.origins = origins(asked) if given is None else tuple(given)
+        files = dict.fromkeys(origin.file for origin in self.origins if origin.file is not None)
+        self._files = {file: number for number, file in enumerate(files)}
         self.anatomy = lru_cache(maxsize=_KEPT)(self._anatomy)
         """An anatomy by its number; the last ones are kept."""
 
     def _anatomy(self, number: int) -> Anatomy:
         return Anatomy.of(self.asked, self.origins, number)
+
+    def origin(self, anatomy: int) -> Origin:
+        """Return what an anatomy is drawn from, by its number."""
+        return origin_of(self.asked, self.origins, anatomy)
 
     def recipe(self, index: int) -> Recipe:
         """Return the recipe of a sample.
@@ -67,8 +73,10 @@ class Plan:
         self.__init__(**state)  # type: ignore[misc]
 
     def split(self, index: int) -> str:
-        """Return which split a sample is in: that of its anatomy."""
-        place, end = even(self.asked.seed, index // self.asked.anatomy.samples), 0.0
+        """Return which split a sample is in: that of its anatomy, and of the label map that this is warped from."""
+        anatomy = index // self.asked.anatomy.samples
+        file = self.origin(anatomy).file if self._files else None
+        place, end = even(self.asked.seed, anatomy if file is None else self._files[file]), 0.0
         for name in SPLITS[:-1]:
             end += getattr(self.asked.split, name)
             if place < end:

@@ -12,6 +12,7 @@ from .._digest import digest_of_bytes
 
 PACKAGES = ("sonospline", "numpy", "zarr", "numcodecs", "pyarrow")
 """Whose versions the bytes of a data set may depend on."""
+_KINDS = ("*.py", "*.toml", "*.json")
 Provenance = dict[str, str]
 
 
@@ -22,20 +23,28 @@ def provenance() -> Provenance:
     Examples
     --------
     >>> from sonospline.dataset.provenance import provenance
-    >>> sorted(provenance())[:3]
-    ['backend', 'code', 'instruction_set']
+    >>> sorted(provenance())[:4]
+    ['backend', 'code', 'core', 'instruction_set']
     """
-    found = {"backend": _core.backend(), "instruction_set": _core.instruction_set(), "code": code_hash()}
+    found = {"backend": _core.backend(), "instruction_set": _core.instruction_set()}
+    found |= {"code": code_hash(), "core": _core_hash()}
     return {**found, "python": ".".join(platform.python_version_tuple()[:2]), **{n: _version(n) for n in PACKAGES}}
 
 
 def code_hash() -> str:
-    """Return a hash of the package's Python files, which two checkouts of one version may differ in."""
+    """Return a hash of the package's Python files and tables, which two checkouts of one version may differ in."""
     folder = Path(__file__).parents[1]
-    files = sorted(folder.rglob("*.py"))
+    files = sorted(file for kind in _KINDS for file in folder.rglob(kind))
     return digest_of_bytes(
         b"".join(f"{file.relative_to(folder).as_posix()}\n".encode() + file.read_bytes() for file in files)
     )
+
+
+def _core_hash() -> str:
+    """Of the compiled core; its twin is among the Python files."""
+    if _core.backend() == "numpy":
+        return "numpy"
+    return digest_of_bytes(Path(str(_core.native.__file__)).read_bytes())
 
 
 def difference(asked: Provenance, found: Provenance) -> str:

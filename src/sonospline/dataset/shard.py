@@ -7,6 +7,7 @@ import json
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,16 @@ from .plan import Plan
 from .provenance import Provenance, difference, provenance
 from .recipe import Recipe
 from .sample import Sample, World
-from .store import Store, StoreError
+from .source import Origin, scene_of
+from .source_files import files_of
+from .store import Store
 from .table_form import COLUMNS, RECIPE_COLUMNS, parquet, read_rows
 from .tar_form import tar
 from .zarr_form import shard_files
 
 _LONGEST_REASON = 300
+_KNOWN = (ValueError, RuntimeError)
+"""What samples fail with that fail every time; else the next run tries again."""
 _kept = threading.local()
 """In each thread: the last world, and what it is of."""
 
@@ -38,6 +43,8 @@ class Job:
     plan: Plan
     place: Store
     labels: Mapping[str, int]
+    sources: Mapping[Origin, str]
+    """Hash of each source as it was planned."""
     made_by: Provenance
     beams: tuple[int, int] | None = None
     recipes: Store | None = None
@@ -63,12 +70,17 @@ class Receipt:
     samples: int
     files: Mapping[str, tuple[str, int]]
     failed: Mapping[int, str]
+    final: bool = True
+    """Whether those fail every time."""
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
         files = {name: {"sha256": hash_, "bytes": size} for name, (hash_, size) in sorted(self.files.items())}
         failed = {str(index): reason for index, reason in sorted(self.failed.items())}
-        return {"shard": self.shard, "first": self.first, "samples": self.samples, "files": files, "failed": failed}
+        return {
+            "shard": self.shard, "first": self.first, "samples": self.samples, "files": files, "failed": failed,
+            "final": self.final,
+        }  # fmt: skip
 
     @classmethod
     def of(cls, held: Mapping[str, Any]) -> Receipt:
@@ -84,6 +96,7 @@ class Receipt:
                 shard=int(held["shard"]), first=int(held["first"]), samples=int(held["samples"]),
                 files={str(name): (str(f["sha256"]), int(f["bytes"])) for name, f in held["files"].items()},
                 failed={int(index): str(reason) for index, reason in held["failed"].items()},
+                final=bool(held.get("final", True)),
             )  # fmt: skip
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"receipt cannot be read ({error!r}); make the shard again") from None
@@ -97,33 +110,39 @@ class Receipt:
 def make_shard(job: Job, shard: int) -> Receipt:
     """Make a shard and store it.
 
-    A sample that cannot be made is listed with its reason and does not stop the others.
+    A sample that cannot be made is listed with its reason and does not stop the others; what is wrong with the
+    machine or with a source does.
 
     Raises
     ------
     WorkerError
-        This process would make other bits than the plan says.
-    StoreError
-        The files cannot be written.
+        This process would make other bits than the plan says, or reads other label maps or scenes.
+    ValueError
+        A source cannot be read.
+    OSError, MemoryError
+        The files cannot be written; or a fault of the machine, with which the next sample would fail, too.
     """
     check_worker(job.made_by)
     recipes = None if job.recipes is None else _recipes(job.recipes, shard)
     samples: list[Sample] = []
     rows: list[Mapping[str, Any]] = []
     failed: dict[int, str] = {}
+    final = True
     for index in job.numbers(shard):
         split = job.plan.split(index)
+        world = world_of(job, index // job.plan.asked.anatomy.samples)
         try:
-            recipe = job.plan.recipe(index) if recipes is None else recipes[index]
+            recipe = job.plan.recipe(index) if recipes is None else _taken(recipes[index], world)
             if job.plan.asked.storage.form == "recipe":
                 rows.append({"index": index, "split": split, "failed": None, "recipe": recipe.as_json()})
                 continue
-            sample = world_of(job, recipe.anatomy).sample(recipe, split)
+            sample = world.sample(recipe, split)
             _check_arrays(sample, job.forms)
-        except (StoreError, MissingExtraError, MemoryError):
+        except (OSError, MissingExtraError, MemoryError, WorkerError):
             raise
         except Exception as error:  # whatever is wrong with one sample must not end the others
-            failed[index] = _in_a_line(error)
+            failed[index] = _without_names(_in_a_line(error), job, index)[:_LONGEST_REASON]
+            final = final and isinstance(error, _KNOWN)
             rows.append({"index": index, "split": split, "failed": failed[index]})
             continue
         samples.append(sample)
@@ -132,17 +151,33 @@ def make_shard(job: Job, shard: int) -> Receipt:
     for name, content in files.items():
         job.place.write(name, content)
     hashes = {name: (hashlib.sha256(content).hexdigest(), len(content)) for name, content in files.items()}
-    receipt = Receipt(shard=shard, first=job.numbers(shard)[0], samples=len(rows), files=hashes, failed=failed)
+    receipt = Receipt(
+        shard=shard, first=job.numbers(shard)[0], samples=len(rows), files=hashes, failed=failed, final=final
+    )
     job.place.write(receipt_name(shard), json.dumps(receipt.as_json(), indent=1).encode())
     return receipt
 
 
 def world_of(job: Job, anatomy: int) -> World:
-    """Return the world of an anatomy; each thread keeps its last one."""
-    key = (job.plan.asked.digest, anatomy)
+    """Return the world of an anatomy, whose source is as it was planned; each thread keeps its last one.
+
+    Raises
+    ------
+    WorkerError
+        The label map or scene is another here.
+    ValueError
+        It cannot be read.
+    """
+    drawn, planned = job.plan.anatomy(anatomy), job.sources[job.plan.origin(anatomy)]
+    if drawn.source.hash != planned:
+        raise WorkerError(
+            f"a worker reads another label map or scene than was planned: {drawn.source.hash} instead of {planned}; "
+            "give all workers the same, and do not change them meanwhile"
+        )
+    key = (job.plan.asked.digest, anatomy, planned, tuple(job.labels.items()))
     if getattr(_kept, "key", None) != key:
         _kept.key = None
-        _kept.world = World(job.plan.anatomy(anatomy), job.labels)
+        _kept.world = World(drawn, job.labels)
         _kept.key = key
     world: World = _kept.world
     return world
@@ -155,10 +190,21 @@ def check_worker(asked: Provenance, *, who: str = "a worker") -> None:
         raise WorkerError(f"{who} would make other bits: its {differs}; take the same as made the rest")
 
 
-def _recipes(place: Store, shard: int) -> dict[int, Recipe]:
-    """Those of a shard that did not fail when they were drawn."""
-    rows = read_rows(place.read(table_name(shard)), ["index", "recipe"])
-    return {row["index"]: Recipe.parse(row["recipe"]) for row in rows if row["recipe"] is not None}
+def _recipes(place: Store, shard: int) -> dict[int, Recipe | str]:
+    """Those of a shard by their numbers; of a sample that failed, why."""
+    rows = read_rows(place.read(table_name(shard)), ["index", "failed", "recipe"])
+    return {row["index"]: Recipe.parse(row["recipe"]) if row["failed"] is None else row["failed"] for row in rows}
+
+
+def _taken(recipe: Recipe | str, world: World) -> Recipe:
+    """A recipe that was drawn from the same source; one that failed fails again."""
+    if isinstance(recipe, str):
+        raise RuntimeError(recipe)
+    if recipe.scene != world.anatomy.source.hash:
+        raise WorkerError(
+            f"recipe {recipe.index} was drawn from another label map or scene, {recipe.scene}; bring that back"
+        )
+    return recipe
 
 
 def _files(job: Job, shard: int, samples: list[Sample], rows: list[Mapping[str, Any]]) -> dict[str, bytes]:
@@ -186,5 +232,16 @@ def _check_arrays(sample: Sample, forms: Mapping[str, ArrayForm]) -> None:
 
 def _in_a_line(error: Exception) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
-    known = isinstance(error, (ValueError, RuntimeError))
-    return (text if known else f"{type(error).__name__}: {text}")[:_LONGEST_REASON]
+    return text if isinstance(error, _KNOWN) else f"{type(error).__name__}: {text}"
+
+
+def _without_names(text: str, job: Job, index: int) -> str:
+    """A reason with hashes instead of the names of label maps and of what lies beside them."""
+    asked = job.plan.asked
+    origin = job.plan.origin(index // asked.anatomy.samples)
+    if asked.storage.names_of_files or origin.file is None:
+        return text
+    files = [Path(origin.file), *(file for held in files_of(*scene_of(asked, origin)).values() for file in held)]
+    for name in sorted({name for file in files for name in (str(file), file.name)}, key=len, reverse=True):
+        text = text.replace(name, job.sources[origin])
+    return text

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace as changed
 from numpy.random import Generator
 
-from .._digest import digest, digest_of_bytes
+from .._digest import digest
 from ..geometry.grid import Grid
 from ..geometry.volume import Volume
 from ..io.records import FieldError
@@ -26,6 +26,7 @@ from ..simulator.skin_frame import SkinFrame
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from .block import BLOCK_MM, NAMES, SCENE, VOXEL_MM, Block, acoustic_tissue, known_tissue
 from .draws import Array
+from .source_files import hash_of
 from .specification import SourcePart, Specification
 from .warp import Warp
 
@@ -153,8 +154,8 @@ class WarpedSource(Source):
         return _Warped(self, Warp.drawn(random, asked.anatomy, self.frame, self.grid))
 
     @classmethod
-    def of(cls, scene: SceneFile, folder: Path, files: tuple[bytes, ...]) -> WarpedSource:
-        """Return the source of a scene, its files seen from a folder."""
+    def of(cls, scene: SceneFile, folder: Path, hash: str) -> WarpedSource:
+        """Return the source of a scene, its files seen from a folder; the hash is theirs together."""
         content = read_content(scene, folder, lambda share: None)
         if content.phantom is None:
             raise ValueError(f"scene {scene.name!r} is a real image, which has no labels; give labels or a phantom")
@@ -164,7 +165,7 @@ class WarpedSource(Source):
         own = {part.name: np.array(part.at) for part in scene.targets}
         named = dict(content.names or {})
         return cls(
-            scene=scene, hash=digest(msgspec.json.encode(scene, order="sorted").decode(), files), grid=content.grid,
+            scene=scene, hash=hash, grid=content.grid,
             tissues=phantom.tissues,
             names={n: named.get(n) or tissue.name for n, tissue in phantom.tissues.items()},
             materials={} if tissues is None else tissues.materials,
@@ -221,32 +222,37 @@ def _label_maps(asked: Specification, part: SourcePart) -> list[Path]:
 
 
 def source(asked: Specification, origin: Origin) -> Source:
-    """Return a source, kept in this process where it was read before.
+    """Return a source, kept in this process where the same was read before: its files may have changed meanwhile.
 
     Raises
     ------
     ValueError
         A scene or label map that cannot be read.
     """
-    part = asked.sources[origin.part]
-    return _read(part, origin.file, asked.anatomy.voxel_mm or _VOXEL_MM, asked.needle.look, str(asked.folder))
-
-
-@lru_cache(maxsize=_KEPT)
-def _read(part: SourcePart, file: str | None, voxel_mm: float, look: str | None, folder: str) -> Source:
+    part, look = asked.sources[origin.part], asked.needle.look
     if part.kind == "block":
         made = BlockSource.made()
         return made if look is None else replace(made, scene=_looking(made.scene, look))
-    scene, beside = _scene(str(part.scene), Path(folder))
-    tissue = changed(scene.tissue, voxel_mm=voxel_mm)
-    contents: tuple[bytes, ...] = ()
-    if file is not None:
-        if scene.tissue.source != "labels":
+    scene, beside = scene_of(asked, origin)
+    return _read(scene, beside, hash_of(scene, beside))
+
+
+@lru_cache(maxsize=_KEPT)
+def _read(scene: SceneFile, folder: Path, hash: str) -> Source:
+    return WarpedSource.of(scene, folder, hash)
+
+
+def scene_of(asked: Specification, origin: Origin) -> tuple[SceneFile, Path]:
+    """Return the scene that a source other than blocks is read by, and the folder that its files are seen from."""
+    part = asked.sources[origin.part]
+    scene, beside = _scene(str(part.scene), asked.folder)
+    tissue = changed(scene.tissue, voxel_mm=asked.anatomy.voxel_mm or _VOXEL_MM)
+    if origin.file is not None:
+        if tissue.source != "labels":
             raise ValueError(f"scene = {part.scene!r} is no scene of labels; give one with source = 'labels'")
-        tissue = changed(tissue, file=file)
-        contents = (digest_of_bytes(Path(file).read_bytes()).encode(),)
+        tissue = changed(tissue, file=origin.file)
     scene = changed(scene, tissue=tissue)
-    return WarpedSource.of(scene if look is None else _looking(scene, look), beside, contents)
+    return (scene if asked.needle.look is None else _looking(scene, asked.needle.look)), beside
 
 
 def _looking(scene: SceneFile, look: str) -> SceneFile:

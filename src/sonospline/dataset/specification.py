@@ -142,7 +142,7 @@ class StoredPart(Record, frozen=True, kw_only=True):
 
 
 class SplitPart(Record, frozen=True, kw_only=True):
-    """Shares of the anatomies; all samples of an anatomy are in one split."""
+    """Shares of the anatomies, or of label maps; all samples of one are in one split."""
 
     train: Annotated[float, about("to learn from", 0.0, 1.0)] = 0.8
     validation: Annotated[float, about("to choose by", 0.0, 1.0)] = 0.1
@@ -162,7 +162,7 @@ class StoragePart(Record, frozen=True, kw_only=True):
         about("Zarr 3 arrays, tar files for WebDataset, or a table of recipes that samples are made from again"),
     ] = "zarr"
     shard: Annotated[int, about("samples in a file; by default those of an anatomy", 1, 100_000)] | None = None
-    names_of_files: Annotated[bool, about("whether the names of label maps are kept; else their hashes alone")] = False
+    names_of_files: Annotated[bool, about("whether the manifest names label maps by their hashes")] = False
 
 
 class Specification(Record, frozen=True, kw_only=True, dict=True):

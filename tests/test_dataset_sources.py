@@ -1,0 +1,146 @@
+"""Scenes and label maps as sources: every file counts, what changes is seen, and a patient is in one split."""
+
+import json
+import pickle
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+import sonospline as ss
+from small_datasets import SMALL
+from sonospline.dataset import DataSet, Plan, Specification, make_dataset
+from sonospline.dataset.checking import check
+from sonospline.dataset.provenance import provenance
+from sonospline.dataset.recipe import UnplaceableError
+from sonospline.dataset.shard import Job, WorkerError, make_shard
+from sonospline.dataset.source import Origin, source
+from sonospline.dataset.source_files import hash_of
+from sonospline.dataset.store import store_at
+from sonospline.simulator.scene_file import SceneFile
+
+pytest.importorskip("zarr", reason="needs the extra 'data'")
+pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
+
+BLOCK = '[[sources]]\nkind = "block"'
+LABELS = '[[sources]]\nkind = "labels"\nfolder = "maps"\nscene = "scene.toml"\n[target]\ntissues = ["liver"]'
+SCENE = """
+name = "Patients"
+[tissue]
+source = "labels"
+file = "none.nii.gz"
+entry_face = "z-"
+nodes = 1500
+[probe]
+kind = "linear"
+depth_mm = 30
+frequency_mhz = 4
+"""
+
+
+def write_map(folder, name, skin):
+    voxels = np.full((20, 16, 16), 2, np.uint8)
+    voxels[..., :skin] = 1
+    ss.write_volume(ss.Volume(voxels=voxels, spacing=(3, 3, 3)), folder / f"{name}.nii.gz")
+    (folder / f"{name}.csv").write_text("label,name\n1,skin\n2,liver\n")
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """A data set of two label maps."""
+    (tmp_path / "maps").mkdir()
+    for skin, name in enumerate(("Jane_Doe", "John_Doe"), 2):
+        write_map(tmp_path / "maps", name, skin)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "asked.toml").write_text(SMALL.replace(BLOCK, LABELS))
+    return Specification.read(tmp_path / "asked.toml")
+
+
+def job_of(asked, place):
+    plan = Plan(asked)
+    sources = {origin: source(asked, origin).hash for origin in plan.origins}
+    return Job(plan=plan, place=store_at(place), labels=plan.labels(), sources=sources, made_by=provenance())
+
+
+def test_every_file_of_a_scene_counts_and_no_name_does(tmp_path):
+    part = 'file = "{}.mha"\nnames = "n.csv"\nct = "ct.mhd"\nmaterials = "m.toml"'
+    scenes = [SceneFile.parse(SCENE.replace('file = "none.nii.gz"', part.format(name))) for name in ("a", "b")]
+    for name in ("a.mha", "b.mha", "n.csv", "m.toml"):
+        (tmp_path / name).write_bytes(b"1")
+    ss.write_volume(ss.Volume(voxels=np.zeros((3, 3, 3), np.int16), spacing=(1, 1, 1)), tmp_path / "ct.mhd")
+    (voxels,) = (file for file in tmp_path.glob("ct.*") if file.suffix != ".mhd")
+    assert hash_of(scenes[0], tmp_path) == hash_of(scenes[1], tmp_path)
+    found = {hash_of(scenes[0], tmp_path)}
+    for file in (tmp_path / "a.mha", tmp_path / "n.csv", tmp_path / "m.toml", voxels):
+        file.write_bytes(file.read_bytes() + b" ")
+        found.add(hash_of(scenes[0], tmp_path))
+    assert len(found) == 5
+    (tmp_path / "n.csv").unlink()
+    with pytest.raises(ValueError, match=r"names = '.*n.csv' cannot be read \(No such file or directory\)"):
+        hash_of(scenes[0], tmp_path)
+
+
+def test_a_file_that_changes_is_read_again(asked):
+    origin = Plan(asked).origins[0]
+    before = source(asked, origin)
+    assert source(asked, origin) is before
+    (asked.folder / "maps/Jane_Doe.csv").write_text("label,name\n1,fat\n2,liver\n")
+    assert "fat" in source(asked, origin).names.values()
+
+
+def test_a_worker_that_reads_another_label_map_or_none_is_refused(asked, tmp_path):
+    job = job_of(asked, tmp_path / "out")
+    write_map(asked.folder / "maps", "Jane_Doe", 5)
+    write_map(asked.folder / "maps", "John_Doe", 5)
+    with pytest.raises(WorkerError, match="reads another label map or scene than was planned"):
+        make_shard(job, 0)
+    for file in (asked.folder / "maps").iterdir():
+        file.unlink()
+    with pytest.raises(ValueError, match=r"cannot be read \(No such file or directory\)"):
+        make_shard(pickle.loads(pickle.dumps(job)), 0)  # in another process
+    assert not list(tmp_path.glob("out/receipts/*"))
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_names_of_files_are_kept_where_that_is_asked_for(kept, asked, tmp_path, monkeypatch):
+    recipe = Plan.recipe
+
+    def drawn(self, index):
+        if index == 3:
+            raise UnplaceableError(f"labels = {self.origin(0).file!r}: label 7 has no name")
+        return recipe(self, index)
+
+    text = (asked.folder / "asked.toml").read_text() + f'form = "recipe"\nnames_of_files = {str(kept).lower()}\n'
+    (asked.folder / "asked.toml").write_text(text)
+    asked = Specification.read(asked.folder / "asked.toml")
+    monkeypatch.setattr(Plan, "recipe", drawn)
+    assert list(make_dataset(asked, tmp_path / "out").failed) == [3]
+    held = b"".join(file.read_bytes() for file in (tmp_path / "out").rglob("*") if file.is_file())
+    assert (b"Doe" in held) == kept
+    manifest = json.loads((tmp_path / "out/manifest.json").read_text())
+    assert set(manifest.get("files", {}).values()) == ({"Jane_Doe.nii.gz", "John_Doe.nii.gz"} if kept else set())
+
+
+def test_all_that_is_warped_of_a_label_map_is_in_one_split():
+    asked = Specification.parse(SMALL.replace(BLOCK, LABELS).replace("samples = 6", "samples = 1600"))
+    plan = Plan(asked, [Origin(0, f"{number}.nii.gz", 1.0) for number in range(20)])
+    splits = defaultdict(set)
+    for anatomy in range(asked.anatomies):
+        splits[plan.origin(anatomy).file].add(plan.split(anatomy * asked.anatomy.samples))
+    assert len(splits) == 20
+    assert all(len(found) == 1 for found in splits.values())
+    assert set.union(*splits.values()) == {"train", "validation", "test"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["scene", "labels"])
+def test_samples_of_scenes_and_of_label_maps_are_made_and_made_again(kind, asked, tmp_path):
+    if kind == "scene":
+        asked = Specification.parse(SMALL.replace(BLOCK, '[[sources]]\nkind = "scene"\nscene = "gel"'))
+    assert make_dataset(asked, tmp_path / "out").failed == {}
+    data = DataSet(tmp_path / "out")
+    data.specification.__dict__["folder"] = asked.folder
+    hashes = {source(asked, origin).hash for origin in Plan(asked).origins}
+    assert {row["source"] for row in data.rows()} <= hashes
+    assert all(data.shard(number)["image"].any() for number in range(3))
+    assert not check(data, remade=2).problems
