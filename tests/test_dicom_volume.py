@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 pytest.importorskip("pydicom", reason="needs the extra 'dicom'")
-import SimpleITK
-
 from dicom_files import places, save, write_enhanced, write_segments, write_series
 from link_poses import turned
 from sonospline.cli import main
 from sonospline.io.labels import names_for, read_labels
 from sonospline.io.volumes import from_sitk, read_volume
+
+SimpleITK = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
 COUNT, ROWS, COLUMNS = 9, 14, 11
 OBLIQUE = turned(3)[:3, :2].T

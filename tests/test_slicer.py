@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import SimpleITK
 from scipy import ndimage
 
 import slicer_core
@@ -29,6 +28,8 @@ from sonospline.link.coordinate_frames import CoordinateFrames
 from sonospline.link.frame_messages import messages_of
 from sonospline.link.needle_pose import waiting_pose
 from sonospline.simulator import SceneFile, make_scene
+
+SimpleITK = pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
 LIVER = "Segmentation category and type~SCT^123037004^Anatomical Structure~SCT^10200004^Liver~^^~Anatomic codes~^^~^^"
 

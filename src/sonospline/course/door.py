@@ -3,29 +3,43 @@
 from __future__ import annotations
 
 import secrets
-from collections import Counter
+import time
+from collections.abc import Callable
+from typing import NamedTuple
 
 from ..server.guard import same_token
 
 MOST_GUESSES = 10
-"""Wrong tokens from one address, after which nobody comes in from there until the server is started again."""
+"""Wrong tokens from one address, after which no more are looked at from there for a while."""
+LOCKED_S = 600.0
+"""After the last of them, until they are forgotten."""
 _MOST_ADDRESSES = 10_000
-"""That have guessed; from others nobody comes in then, so that what is remembered has an end."""
+"""That have guessed; others are told that they are locked then, so that what is remembered has an end."""
 
 WRONG = "the trainer's token is missing or wrong; open the address that was printed for the trainer at the start"
 LOCKED = (
-    f"{MOST_GUESSES} wrong tokens came from this address, and the trainer's page is locked for it; use another "
-    "computer, or start the lab again"
+    f"{MOST_GUESSES} wrong tokens came from this address, and the trainer's page is locked for it; open the address "
+    f"that was printed for the trainer at the start, or wait {LOCKED_S / 60:.0f} minutes"
 )
+
+
+class _Guesses(NamedTuple):
+    count: int
+    last_s: float
 
 
 class Door:
     """Who may be the trainer.
 
+    Who has the right token comes in whatever others have guessed: a page of any site can have the trainer's own browser
+    send wrong ones, and behind a proxy all have one address.
+
     Parameters
     ----------
     token : str, optional
-        By default one that nobody guesses.
+        By default one of 128 bits, which nobody guesses.
+    now_s : callable
+        The clock.
 
     Examples
     --------
@@ -37,22 +51,30 @@ class Door:
     "the trainer's token is missing or wrong; o"
     """
 
-    def __init__(self, token: str | None = None) -> None:
+    def __init__(self, token: str | None = None, *, now_s: Callable[[], float] = time.monotonic) -> None:
         self.token = secrets.token_urlsafe(16) if token is None else token
-        self._guesses: Counter[str] = Counter()
+        self._now_s = now_s
+        self._guesses: dict[str, _Guesses] = {}  # the oldest first
 
     def refusal(self, given: str, address: str) -> str | None:
         """Return why somebody is not let in, None where he is; no token at all is no guess."""
-        if self.locked(address):
-            return LOCKED
         if given and same_token(given, self.token):
-            del self._guesses[address]
             return None
-        if given:
-            self._guesses[address] += 1
+        if given and not self.locked(address):
+            known = self._guesses.pop(address, None)
+            self._guesses[address] = _Guesses(1 if known is None else known.count + 1, self._now_s())
         return LOCKED if self.locked(address) else WRONG
 
     def locked(self, address: str) -> bool:
         """Whether too many wrong tokens came from an address."""
-        known = address in self._guesses or len(self._guesses) < _MOST_ADDRESSES
-        return self._guesses[address] >= MOST_GUESSES if known else True
+        self._forget()
+        known = self._guesses.get(address)
+        return len(self._guesses) >= _MOST_ADDRESSES if known is None else known.count >= MOST_GUESSES
+
+    def _forget(self) -> None:
+        """What was guessed long ago."""
+        while self._guesses:
+            address, guesses = next(iter(self._guesses.items()))
+            if self._now_s() - guesses.last_s < LOCKED_S:
+                return
+            del self._guesses[address]

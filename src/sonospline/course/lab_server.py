@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 from ..lab.database import LabDatabaseError
 from ..lab.result_tables import write_csv
+from ..server.access import token_of
 from ..server.connection_limits import peer_of
 from ..server.conversation import converse
 from ..server.outbox import Outbox
@@ -68,7 +69,7 @@ class LabServer(Server):
             return PlainTextResponse(LOCKED if self.door.locked(address) else WRONG, _FORBIDDEN)
 
         async def table(request: Any) -> Any:
-            refusal = self._refusal(request)
+            refusal = self.guard.refusal(request.headers, token_of(request.scope)) or self._refusal(request)
             if refusal is not None:
                 return PlainTextResponse(refusal, _FORBIDDEN)
             return await _table(self.course)

@@ -51,7 +51,7 @@ class TrainerConnection:
     """
 
     def __init__(self, course: Course, outbox: Outbox, *, address: str, results: str) -> None:
-        self._course, self._address, self._results = course, address, results
+        self._course, self._address, self._results, self._outbox = course, address, results, outbox
         self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
         self._limits = RateLimits()
         self._watched: Station | None = None
@@ -205,12 +205,22 @@ class TrainerConnection:
                 self._sender.say(now)
                 said = now
             if looks % _THUMBS == 0:
-                for station in self._course.stations.values():
-                    if station.seen is not None and station.seen.frame != shown[station.name]:
-                        shown[station.name] = station.seen.frame
-                        self._sender.put(thumb(station.name, station.seen.shown))
+                await self._show_small(shown)
             looks += 1
             await asyncio.sleep(_LOOK_S)
+
+    async def _show_small(self, shown: dict[str, int]) -> None:
+        """Show who looks other than in ``shown``, in its order, while the page reads; those left out come first."""
+        for name in tuple(shown):
+            seen = self._course.stations[name].seen
+            if seen is None or seen.frame == shown[name]:
+                continue
+            await asyncio.sleep(0)  # what was said leaves
+            if not self._outbox.is_empty:
+                return
+            del shown[name]
+            shown[name] = seen.frame
+            self._sender.put(thumb(name, seen.shown))
 
     async def _add(self, message: heard.AddParticipants) -> None:
         with self._refusing("add_participants"):

@@ -23,6 +23,11 @@ class Outbox:
         self._queue: asyncio.Queue[str | bytes] = asyncio.Queue(most)
         self._most_bytes, self._bytes = most_bytes, 0
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the client has taken all that was said."""
+        return self._queue.empty()
+
     def put(self, message: str | bytes) -> bool:
         """Add a message; False, and it is lost, where too much waits already."""
         if self._queue.full() or self._bytes + len(message) > self._most_bytes:

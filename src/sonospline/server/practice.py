@@ -124,8 +124,10 @@ class Practice:
         self.console.scene.check(command)
 
     def summary(self, frame: ConsoleFrame) -> PassSummary:
-        """Return what a page says of the pass."""
-        return self.measured(frame)
+        """Return what a page says of the pass; numbers of the tip only where these may be shown."""
+        if "numbers" in self.guides:
+            return self.measured(frame)
+        return PassSummary(time_s=frame.metrics.time_s, passes=frame.metrics.passes, path_mm=None, blind_mm=None)
 
     def measured(self, frame: ConsoleFrame) -> PassSummary:
         """Return what is known of the pass."""
