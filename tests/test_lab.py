@@ -158,7 +158,7 @@ def test_tables_of_another_version_are_refused(tmp_path):
     ResultStore(path).close()
     with sqlite3.connect(path) as kept:
         kept.execute("UPDATE about SET value = '0'")
-    with pytest.raises(LabDatabaseError, match="has tables of version 0, this sonospline reads 2"):
+    with pytest.raises(LabDatabaseError, match="has tables of version 0, this sonospline reads 3"):
         ResultStore(path)
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from datetime import datetime
+from uuid import uuid4
 
 from ..lab.cusum import Cusum
 from ..lab.database import LabDatabaseError
-from ..lab.result_store import ResultStore, check_code, check_comment
+from ..lab.result_store import ResultStore, check_code
 from ..server.scene_catalog import SceneCatalog
 from ..server.server_messages import Choice
 from .finished_attempt import FinishedAttempt
@@ -92,7 +93,8 @@ class Course:
 
     def keep_comment(self, finished: FinishedAttempt, time_s: float, text: str, say: Say) -> None:
         """Have a comment kept, after its attempt."""
-        self.keeper.do(lambda: finished.comment(self.store, time_s, check_comment(text)), say)
+        key = uuid4().hex
+        self.keeper.do(lambda: finished.comment(self.store, time_s, text, key=key), say)
 
     def add_participants(self, codes: tuple[str, ...], group: str | None) -> None:
         """Add participants; none of them where one cannot be.

@@ -24,7 +24,7 @@ LOCKED = (
 
 
 class _Guesses(NamedTuple):
-    count: int
+    number: int
     last_s: float
 
 
@@ -62,14 +62,14 @@ class Door:
             return None
         if given and not self.locked(address):
             known = self._guesses.pop(address, None)
-            self._guesses[address] = _Guesses(1 if known is None else known.count + 1, self._now_s())
+            self._guesses[address] = _Guesses(1 if known is None else known.number + 1, self._now_s())
         return LOCKED if self.locked(address) else WRONG
 
     def locked(self, address: str) -> bool:
         """Whether too many wrong tokens came from an address."""
         self._forget()
         known = self._guesses.get(address)
-        return len(self._guesses) >= _MOST_ADDRESSES if known is None else known.count >= MOST_GUESSES
+        return len(self._guesses) >= _MOST_ADDRESSES if known is None else known.number >= MOST_GUESSES
 
     def _forget(self) -> None:
         """What was guessed long ago."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from uuid import uuid4
 
 from ..lab.attempt_record import AttemptRecord
 from ..lab.result_store import ResultStore
@@ -36,6 +37,8 @@ class FinishedAttempt:
     recording: Path | None = None
     number: int | None = None
     """In the results; None before it is kept."""
+    key: str = field(default_factory=lambda: uuid4().hex)
+    """So that it is kept once, where an answer of the results is lost."""
 
     def keep(self, store: ResultStore, course: str) -> None:
         """Write it into the results.
@@ -46,15 +49,24 @@ class FinishedAttempt:
             They are away or full.
         """
         try:
-            self.number = store.add(self.participant, self._record(), session=course)
+            self.number = store.add(self.participant, self._record(), session=course, key=self.key)
         except ValueError:  # sat down while the results were away
             store.add_participant(self.participant)
-            self.number = store.add(self.participant, self._record(), session=course)
+            self.number = store.add(self.participant, self._record(), session=course, key=self.key)
 
-    def comment(self, store: ResultStore, time_s: float, text: str) -> None:
-        """Write a comment on it, after it was kept."""
-        if self.number is not None:
-            store.add_comment(self.number, time_s, text)
+    def comment(self, store: ResultStore, time_s: float, text: str, *, key: str) -> None:
+        """Write a comment on it, after it was kept; once under a key.
+
+        Raises
+        ------
+        ValueError
+            It was not kept.
+        LabDatabaseError
+            The results are away or full.
+        """
+        if self.number is None:
+            raise ValueError(f"the attempt was not kept, and neither is its comment {text!r}")
+        store.add_comment(self.number, time_s, text, key=key)
 
     def _record(self) -> AttemptRecord:
         record = AttemptRecord.of(self.result, began=self.began)

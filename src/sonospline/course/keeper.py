@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ..lab.database import LabDatabaseError
+from ..lab.database import LabDatabaseError, LabDataError
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,8 @@ class _Waiting(NamedTuple):
 class Keeper:
     """Does jobs that write to the results, one after the other, in a thread of its own.
 
-    A job that fails because the database is away or full is done again until it succeeds; those behind it wait.
+    A job that fails because the database is away or full is done again until it succeeds; those behind it wait. At the
+    end each is tried once more, and one that the database will never take is given up at once.
 
     Parameters
     ----------
@@ -74,46 +75,52 @@ class Keeper:
             self._closing = True
             self._changed.notify()
         self._thread.join(within_s)
-        for _ in self._waiting:
+        for _ in tuple(self._waiting):
             logger.error("a result was not kept: %s", self.problem or "there was no time")
         return len(self._waiting)
 
     def _run(self) -> None:
-        while True:
+        while not self._closing:
             with self._changed:
-                while not self._waiting and not self._closing:
-                    self._changed.wait()
-                if not self._waiting:
-                    return
-                first, last_try = self._waiting[0], self._closing
-            if self._done(first):
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+            if self._waiting and not self._closing and not self._tried(self._waiting[0]):
                 with self._changed:
-                    self._waiting.popleft()
-            elif last_try:
-                return
-            else:
-                with self._changed:
-                    if not self._closing:
-                        self._changed.wait_for(lambda: self._closing, self._retry_s)
+                    self._changed.wait_for(lambda: self._closing, self._retry_s)
+        failed = [self.problem for one in tuple(self._waiting) if not self._tried(one)]
+        self.problem = failed[-1] if failed else ""
+
+    def _tried(self, one: _Waiting) -> bool:
+        """Whether a job is over, and waits no more."""
+        over = self._done(one)
+        if over:
+            with self._changed:
+                self._waiting.remove(one)
+        return over
 
     def _done(self, first: _Waiting) -> bool:
         """Whether a job is over: it succeeded, or never will."""
         try:
             first.job()
         except (LabDatabaseError, OSError) as error:
+            if isinstance(error, LabDataError):
+                return _given_up(first, error)
             if not self.problem:
                 logger.warning("results wait: %s", error)
                 first.say(_not_yet(str(error)))
             self.problem = str(error)
             return False
         except Exception as error:
-            logger.exception("a result could not be kept")
-            first.say(f"The result could not be kept: {error}")
-            return True
+            return _given_up(first, error)
         if self.problem:
             self.problem = ""
             logger.warning("results are kept again")
         return True
+
+
+def _given_up(one: _Waiting, error: Exception) -> bool:
+    logger.error("a result could not be kept", exc_info=error)
+    one.say(f"The result could not be kept: {error}")
+    return True
 
 
 def _not_yet(problem: str) -> str:

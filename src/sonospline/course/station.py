@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Coroutine
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from ..lab.result_store import check_code
@@ -16,8 +14,8 @@ from ..server.practice import Practice
 from ..server.seat import Seat, SeatedPage
 from ..server.server_messages import EVERYTHING, Comment, Notice, Refused, StationMessage
 from ..server.wire import PassSummary, ReplayedStep
-from .finished_attempt import FinishedAttempt
-from .keeper import Say
+from .attempt_notes import AttemptNotes
+from .office import Office
 
 if TYPE_CHECKING:
     from ..server.stage import Stage
@@ -41,27 +39,6 @@ class Watcher(Protocol):
 
     def show(self, seen: Seen) -> None:
         """A picture is on its way; in the thread that made it."""
-
-
-class Office(Protocol):
-    """Who knows participants and keeps results, for all stations."""
-
-    keeps_recordings: bool
-
-    def title(self, exercise: str) -> str:
-        """Return what an exercise on offer is called."""
-
-    def seat_of(self, code: str) -> Seat | None:
-        """Return where a participant sits now."""
-
-    async def why_unknown(self, code: str) -> str | None:
-        """Return why nobody has a code; None where somebody has."""
-
-    def keep(self, finished: FinishedAttempt, say: Say) -> None:
-        """Have an attempt kept; in any thread."""
-
-    def keep_comment(self, finished: FinishedAttempt, time_s: float, text: str, say: Say) -> None:
-        """Have a comment kept, after its attempt."""
 
 
 class Station(Seat):
@@ -89,13 +66,7 @@ class Station(Seat):
         self.working: tuple[str, Stage] | None = None
         """What is worked on, with the id of its scene or exercise."""
         self.seen: Seen | None = None
-        self.finished: FinishedAttempt | None = None
-        """The attempt that is over."""
-        self.comments: list[Comment] = []
-        """On the attempt that runs or is over."""
         self.watchers: frozenset[Watcher] = frozenset()
-        self._began = datetime.now(UTC)
-        self._ending = threading.Lock()  # a comment comes before the attempt's end, or after it
         self._tasks: set[asyncio.Task[None]] = set()
 
     @property
@@ -108,6 +79,12 @@ class Station(Seat):
         """The attempt that runs, or is talked about."""
         stage = None if self.working is None else self.working[1]
         return cast(LiveAttempt, stage) if stage is not None and stage.exercise is not None else None
+
+    @property
+    def comments(self) -> list[Comment]:
+        """On the attempt that runs or is over."""
+        notes = None if self.attempt is None else self.attempt.on_result
+        return notes.comments if isinstance(notes, AttemptNotes) else []
 
     def take(self, page: SeatedPage) -> None:
         """A page has come: another one than before is somebody else's."""
@@ -172,10 +149,7 @@ class Station(Seat):
         """Say something of a moment of the attempt."""
         if self.attempt is None:
             raise MessageError("comment_on", f"comes while no exercise is done at {self.name}; set one")
-        with self._ending:
-            self.comments = sorted([*self.comments, Comment(time_s=time_s, text=text)], key=lambda one: one.time_s)
-            if self.finished is not None:
-                self._office.keep_comment(self.finished, time_s, text, self._report)
+        self._notes(self.attempt).comment(time_s, text)
         if self.attempt.over:
             self.tell()
 
@@ -197,13 +171,11 @@ class Station(Seat):
         before = None if self.working is None else self.working[1]
         self.working = name, stage
         if stage is not before:
-            self.seen, self.finished, self.comments, self._began = None, None, [], datetime.now(UTC)
-        attempt = self.attempt
-        if attempt is None:
+            self.seen = None
+        if self.attempt is None:
             cast(Practice, stage).guides = self.guides
-        elif attempt.on_result is None:
-            participant, began = self.participant or "", self._began
-            attempt.on_result = lambda ended: self._keep(ended, participant, began)
+        else:
+            self._go_on(self._notes(self.attempt))
         for watcher in self.watchers:
             watcher.show_scene(name, stage)
 
@@ -231,28 +203,31 @@ class Station(Seat):
         elif self.connection is not None:
             self.connection.sender.say(Refused(what="sit_down", message=problem))
 
-    def _keep(self, ended: LiveAttempt, participant: str, began: datetime) -> None:
-        """Have the result of an attempt kept; in the thread that stepped it."""
-        result = ended.attempt.result
-        if result is None:
-            return
-        recording = ended.recording
-        path = recording.path if self._office.keeps_recordings and not recording.problem else None
-        finished = FinishedAttempt(participant, result, began, path)
-        self._office.keep(finished, self._report)
-        if self.attempt is not ended:
-            return
-        with self._ending:
-            self.finished = finished
-            for comment in self.comments:
-                self._office.keep_comment(finished, comment.time_s, comment.text, self._report)
-        if self.connection is not None:
+    def ended(self, attempt: LiveAttempt) -> None:
+        """An attempt is over, which may be this station's no more; in the thread that stepped it."""
+        if self.attempt is attempt and self.connection is not None:
             self.connection.sender.call(lambda _: self.tell(), None)
 
-    def _report(self, line: str) -> None:
+    def report(self, line: str) -> None:
+        """Say what goes wrong with a result; in any thread."""
         connection = self.connection
         if connection is not None:
             connection.sender.say_from_thread(Notice(level="fault", message=line))
+
+    def _notes(self, attempt: LiveAttempt) -> AttemptNotes:
+        """Those of an attempt, which may have come from another station."""
+        if not isinstance(attempt.on_result, AttemptNotes):
+            attempt.on_result = AttemptNotes(self.participant or "", self._office, self)
+        return attempt.on_result
+
+    def _go_on(self, notes: AttemptNotes) -> None:
+        """Who works on an attempt sits here from now on, unless somebody else uses that code elsewhere."""
+        if notes.station is self:
+            return
+        notes.station = self
+        if self._office.seat_of(notes.participant) in (None, self):
+            self.participant = notes.participant
+        self.tell()
 
     def _title(self, exercise: str | None) -> str:
         return "" if exercise is None else self._office.title(exercise)

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from ..lab.database import LabDatabaseError
+from ..lab.result_store import check_comment
 from ..server import wire
 from ..server.client_messages import Drawn, MessageError, Ping
 from ..server.connection import POLICY, Verdict
@@ -117,9 +118,7 @@ class TrainerConnection:
                 for station in self._stations("say_to_station", message.station):
                     station.say(message.text)
             case heard.CommentOn():
-                if not message.text.strip():
-                    raise MessageError("comment_on", "text is empty; write a line")
-                self._station("comment_on", message.station).comment(message.time_s, message.text.strip())
+                self._comment_on(message)
             case heard.AddParticipants():
                 self._begin(self._add(message))
             case heard.ListResults():
@@ -181,6 +180,13 @@ class TrainerConnection:
             )
         for station in self._stations("set_exercise", message.station):
             station.set_exercise(message.exercise)
+
+    def _comment_on(self, message: heard.CommentOn) -> None:
+        try:
+            text = check_comment(message.text)
+        except ValueError as error:
+            raise MessageError("comment_on", str(error)) from None
+        self._station("comment_on", message.station).comment(message.time_s, text)
 
     def _stations(self, what: str, name: str | None) -> tuple[Station, ...]:
         return tuple(self._course.stations.values()) if name is None else (self._station(what, name),)

@@ -17,10 +17,16 @@ T = TypeVar("T")
 _READS = {"reads": True}
 _WAIT_S = 20
 """For another process that writes."""
+_OF_VALUES = ("22", "23")
+"""Classes of SQLSTATE: a value that cannot be, or that breaks a rule of the tables."""
 
 
 class LabDatabaseError(RuntimeError):
     """The database is away, full, or not the lab's."""
+
+
+class LabDataError(LabDatabaseError):
+    """The database does not take what it is given, however often it is tried."""
 
 
 class Database:
@@ -78,6 +84,8 @@ class Database:
         ------
         LabDatabaseError
             The database is away or full.
+        LabDataError
+            It takes no such values.
         """
         with self._said():
             try:
@@ -142,7 +150,12 @@ class Database:
         try:
             yield
         except (self.sql.exc.SQLAlchemyError, ModuleNotFoundError, *self._interface_errors) as error:
-            raise LabDatabaseError(f"{self.name}: {_reason(error)}") from None
+            kind = LabDataError if self._is_of_values(error) else LabDatabaseError
+            raise kind(f"{self.name}: {_reason(error)}") from None
+
+    def _is_of_values(self, error: Exception) -> bool:
+        errors = self.sql.exc
+        return isinstance(error, errors.DataError | errors.IntegrityError) or _sqlstate(error)[:2] in _OF_VALUES
 
     def __repr__(self) -> str:
         return f"Database({self.name!r})"
@@ -158,6 +171,13 @@ def _as_one_writes(connection: Any, _: Any) -> None:
 def _to_write(connection: Any) -> None:
     """A transaction that first reads and then writes would fail where another wrote between."""
     connection.exec_driver_sql("BEGIN" if connection.get_execution_options().get("reads") else "BEGIN IMMEDIATE")
+
+
+def _sqlstate(error: Exception) -> str:
+    """The code of PostgreSQL's error, as psycopg or pg8000 has it; empty of others."""
+    cause = getattr(error, "orig", None)
+    said = cause.args[0] if cause is not None and cause.args else None
+    return str(getattr(cause, "sqlstate", None) or (said.get("C", "") if isinstance(said, dict) else ""))
 
 
 def _reason(error: Exception) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -87,8 +87,12 @@ class ResultStore:
         """Make a session of the lab, to which attempts may belong; one of that name goes on."""
         self._database.write(lambda connection: self._session(connection, name))
 
-    def add(self, participant: str, record: AttemptRecord, *, session: str | None = None) -> int:
+    def add(
+        self, participant: str, record: AttemptRecord, *, session: str | None = None, key: str | None = None
+    ) -> int:
         """Keep an attempt; return its number.
+
+        Under a key of its own it is kept once: a repeat, where an answer was lost, returns the number of the first.
 
         Raises
         ------
@@ -97,9 +101,9 @@ class ResultStore:
         LabDatabaseError
             The database is away or full: nothing of it is kept.
         """
-        return self._database.write(lambda connection: self._kept(connection, participant, record, session))
+        return self._once(key, lambda connection: self._kept(connection, participant, record, session))
 
-    def add_comment(self, attempt: int, time_s: float, text: str) -> None:
+    def add_comment(self, attempt: int, time_s: float, text: str, *, key: str | None = None) -> None:
         """Keep what the trainer says of a moment of an attempt.
 
         Parameters
@@ -110,6 +114,8 @@ class ResultStore:
             Seconds from its beginning.
         text : str
             At most 500 letters.
+        key : str, optional
+            Of this comment alone, which is kept once then.
 
         Raises
         ------
@@ -119,12 +125,12 @@ class ResultStore:
         table, attempts = self._tables.comments, self._tables.attempts
         values = {"time_s": _validate.number("time_s", time_s), "text": check_comment(text)}
 
-        def work(connection: Any) -> None:
+        def work(connection: Any) -> int:
             if self._found(connection, attempts, id=attempt) is None:
                 raise ValueError(f"attempt = {attempt} is not kept here")
-            connection.execute(table.insert().values(attempt_id=attempt, **values))
+            return self._inserted(connection, table, attempt_id=attempt, **values)
 
-        self._database.write(work)
+        self._once(key, work)
 
     def comments(self, attempt: int) -> list[tuple[float, str]]:
         """Return the comments on an attempt, each with its time in seconds, in the order of their times."""
@@ -256,6 +262,20 @@ class ResultStore:
     ) -> None:
         self.close()
 
+    def _once(self, key: str | None, work: Callable[[Any], int]) -> int:
+        """Do some work and return its number; under a key that is known, the number of the first time."""
+        table = self._tables.keys
+
+        def once(connection: Any) -> int:
+            known: int | None = connection.scalar(self._sql.select(table.c.number).where(table.c.key == key))
+            if known is not None:
+                return known
+            number = work(connection)
+            connection.execute(table.insert().values(key=key, number=number))
+            return number
+
+        return self._database.write(work if key is None else once)
+
     def _kept(self, connection: Any, participant: str, record: AttemptRecord, session: str | None) -> int:
         tables = self._tables
         recording = record.recording and self._found(connection, tables.recordings, content_hash=record.recording_hash)
@@ -341,14 +361,21 @@ def check_code(code: str) -> str:
 
 def check_comment(text: str) -> str:
     """Return a comment without blanks around it, or raise ValueError."""
-    text = _validate.text("comment", text).strip()
+    text = _kept_text("comment", text)
     if not 0 < len(text) <= LONGEST_COMMENT:
         raise ValueError(f"comment has {len(text)} letters; give 1 to {LONGEST_COMMENT}")
     return text
 
 
+def _kept_text(what: str, text: str) -> str:
+    text = _validate.text(what, text).strip()
+    if "\0" in text:
+        raise ValueError(f"{what} = {shown(text)} holds a zero character, which no database keeps; leave it out")
+    return text
+
+
 def _named(what: str, name: str) -> str:
-    name = _validate.text(what, name).strip()
+    name = _kept_text(what, name)
     if not 0 < len(name) <= LONGEST_NAME:
         raise ValueError(f"{what} = {shown(name)} has {len(name)} letters; give 1 to {LONGEST_NAME}")
     return name

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from .._extras import require
 
-VERSION = "2"
+VERSION = "3"
 """Of the tables; a database of another one is refused."""
-LACKS_TABLES = ("1",)
-"""Versions that only lack tables of this one, and get them: 1 has no comments."""
+LACKS_TABLES = ("1", "2")
+"""Versions that only lack tables of this one, and get them: 1 has no comments, 2 has no keys."""
 LONGEST_NAME = 200
 LONGEST_CODE = 16
 LONGEST_COMMENT = 500
@@ -29,6 +29,7 @@ class Schema(NamedTuple):
     attempts: Any
     metrics: Any
     comments: Any
+    keys: Any
 
     def __repr__(self) -> str:
         return f"Schema(version {VERSION}, {len(self.metadata.tables)} tables)"
@@ -89,4 +90,9 @@ def schema() -> Schema:
         "comments", sql.Column("attempt_id", sql.ForeignKey("attempts.id"), nullable=False, index=True),
         value("time_s", sql.Float), value("text", sql.Text),
     )  # fmt: skip
-    return Schema(metadata, about, groups, participants, sessions, exercises, recordings, attempts, metrics, comments)
+    keys = sql.Table(
+        "keys", metadata, sql.Column("key", sql.String(LONGEST_NAME), primary_key=True), value("number", sql.Integer)
+    )
+    return Schema(
+        metadata, about, groups, participants, sessions, exercises, recordings, attempts, metrics, comments, keys
+    )
