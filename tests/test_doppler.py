@@ -69,6 +69,17 @@ def test_a_taper_carries_the_same_volume_all_along():
     assert np.allclose(flow.speed_at((50, 0, 0)), (80, 0, 0))
 
 
+def test_slow_pulses_leave_no_blood_out_but_what_comes_in_again():
+    flow = Flow(start=(0, 0, 20), end=(30, 0, 20), radii_mm=(3, 3), speed_cm_s=100)
+    blood = flow.blood(20.0, 3)
+    first, last = (blood.places(time_s) for time_s in (1.0, 1.0 + 9 / 500))
+    stays = blood.rounds(1.0) == blood.rounds(1.0 + 9 / 500)
+    assert (last[stays, 0] >= first[stays, 0]).all()
+    assert (last[~stays, 0] < first[~stays, 0]).all()
+    assert (last - first)[stays, 0].max() == pytest.approx(flow.fastest_mm_s * 9 / 500, rel=0.02)
+    assert 0.2 < (~stays).mean() < 0.4  # as far as the mean goes, 9 of 30 mm
+
+
 def test_between_is_those_between():
     blood = Flow(start=(0, 0, 0), end=(50, 0, 0), radii_mm=(4, 2), speed_cm_s=20).blood(2, seed=0)
     x = blood.places(0.3)[:, 0]

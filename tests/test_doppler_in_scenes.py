@@ -38,10 +38,11 @@ def scene():
 
 
 @given(
-    st.sampled_from([Probe.linear(depth_mm=30), Probe.linear(depth_mm=110), Probe.curvilinear()]),
+    st.sampled_from([Probe.linear, Probe.curvilinear]), st.floats(15, 60), st.floats(30, 250), st.floats(1.5, 12),
     st.floats(-20, 20), st.floats(-40, 40), st.floats(0, 200), st.floats(500, 10_000),
 )  # fmt: skip
-def test_the_box_is_always_one_that_the_probe_hears(probe, steer, across, deep, prf):
+def test_the_box_is_always_one_that_the_probe_hears(kind, aperture, depth, frequency, steer, across, deep, prf):
+    probe = kind(aperture_mm=aperture, depth_mm=depth, frequency_mhz=frequency)
     asked = replace(SETTINGS, steer=steer, box_across=across, box_depth=deep, prf=prf)
     found = colour_box(probe, asked)
     found.check(probe)
@@ -69,6 +70,17 @@ def test_blood_flows_by_the_clock_of_the_session_and_again_in_the_same_bits(scen
     assert 0.2 < flows.mean() < 0.7
     assert (levels[0][flows] == levels[1][flows]).mean() > 0.2  # only noise is another
     assert (levels[0][flows] == levels[2][flows]).mean() < 0.2  # blood is, too
+
+
+def test_a_recording_with_colour_comes_again(scene, tmp_path):
+    pytest.importorskip("mcap", reason="mcap is not installed (pip install 'sonospline[record]')")
+    from sonospline.training import Recorder, Recording, replay
+
+    with Recorder(tmp_path / "colour.mcap", scene) as recorder:
+        session = Session(scene, model="kelvinlet")
+        for dt in (0.1, 0.0, 0.02):
+            recorder.add(session.step(settings=SETTINGS, dt=dt))
+    assert [found.same for found in replay(Recording.read(tmp_path / "colour.mcap"), scene)] == [True] * 3
 
 
 def test_off_the_scene_shows_the_bits_that_it_showed(scene):

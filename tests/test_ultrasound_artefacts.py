@@ -267,6 +267,7 @@ def test_a_moved_scanner_shows_what_a_new_one_would():
     [
         (lambda: Artefacts(haze_db=np.nan), "haze_db"),
         (lambda: Artefacts(side_lobes_db=40), "side_lobes_db = 40 is too loud"),
+        (lambda: Artefacts(multiples_db=0), "multiples_db = 0 sends back more than there was"),
         (lambda: replace(OIL, roughness_db=3), "roughness_db = 3 of oil"),
         (lambda: replace(OIL, wall_mm=-1), "wall_mm"),
         (lambda: liver_scanner(LINEAR, artefacts="all"), "artefacts = 'all'"),

@@ -26,7 +26,7 @@ from .command import ImageSettings
 
 Array = NDArray[np.float64]
 
-_BOX_WIDE, _BOX_HIGH = 0.5, 0.36
+_BOX_WIDE, _BOX_HIGH, _MOST_LEAN = 0.5, 0.36, 0.7
 """Of the probe's face and the image's depth: the colour box."""
 _MARGIN_MM = 8.0
 """Displacement allowed for before scatterers have to be chosen anew."""
@@ -184,6 +184,8 @@ def colour_box(probe: Probe, settings: ImageSettings) -> Doppler | None:
         return None
     steer = 0.0 if probe.curved else settings.steer
     half, high = probe.aperture_mm / 2, _BOX_HIGH * probe.depth_mm
+    steepest = float(np.degrees(np.arctan(2 * _MOST_LEAN * half / high)))
+    steer = float(np.clip(steer, -steepest, steepest))
     lean = high / 2 * abs(float(np.tan(np.radians(steer))))
     wide = min(_BOX_WIDE * probe.aperture_mm, 2 * (half - lean))
     aside = half - lean - wide / 2

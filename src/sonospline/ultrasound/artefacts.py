@@ -9,6 +9,8 @@ from .. import _validate
 
 _HARMONIC_SHARES = {"side_lobes_db": 1.0, "grating_db": 1.0, "haze_db": 2 / 3, "tail_db": 0.5, "multiples_db": 0.5}
 """Of what harmonic imaging lowers."""
+_LOUDEST_MULTIPLES_DB = -10.0
+"""Louder ones of strong reflectors would grow from one to the next."""
 _LEVELS = ("side_lobes_db", "grating_db", "haze_db", "tail_db", "multiples_db")
 HARMONIC_NOISE_DB = 6.0
 """More noise over a harmonic: set by eye."""
@@ -74,6 +76,11 @@ class Artefacts:
             level = getattr(self, name)
             if level is not None and not _validate.real(name, level) <= 20:
                 raise ValueError(f"{name} = {level} is too loud; give at most 20 dB, or None for none")
+        if self.multiples_db is not None and self.multiples_db > _LOUDEST_MULTIPLES_DB:
+            raise ValueError(
+                f"multiples_db = {self.multiples_db} sends back more than there was; give at most "
+                f"{_LOUDEST_MULTIPLES_DB:g} dB, or None for none"
+            )
 
     @classmethod
     def none(cls) -> Artefacts:

@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float]
 _NARROWER = 0.35
 """Bandwidth of a Doppler pulse over that of one for the grey image: it is thrice as long."""
 _LINES_PER_BEAM, _SAMPLES_PER_SIGMA = 1.5, 1.5
-_FEWEST_LINES, _MOST_PULSES, _STEEPEST_DEG = 16, 64, 30.0
+_FEWEST_LINES, _FEWEST_SAMPLES, _MOST_PULSES, _STEEPEST_DEG = 16, 64, 64, 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +128,7 @@ class Doppler:
         depth = bottom / cos + 2 * self._lead
         settings = {field.name: getattr(probe, field.name) for field in fields(probe) if field.name != "kind"} | {
             "aperture_mm": across, "depth_mm": depth, "bandwidth": _NARROWER * probe.bandwidth,
-            "samples": 16 * int(np.ceil(_SAMPLES_PER_SIGMA * depth / length / 16)),
+            "samples": max(_FEWEST_SAMPLES, 16 * int(np.ceil(_SAMPLES_PER_SIGMA * depth / length / 16))),
             "lines": max(_FEWEST_LINES, int(np.ceil(_LINES_PER_BEAM * across / beam)) + 1),
         }  # fmt: skip
         return PROBES[probe.kind](**settings)

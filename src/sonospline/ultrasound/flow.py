@@ -69,6 +69,11 @@ class Flow:
         middle: Array = (np.array(self.start) + self.end) / 2
         return middle
 
+    @property
+    def fastest_mm_s(self) -> float:
+        """On the axis, where the vessel is narrowest."""
+        return 10 * self.speed_cm_s * (self.radii_mm[0] / min(self.radii_mm)) ** 2
+
     def speed_at(self, point: Vector | Array) -> Array:
         """Return the velocity (3,) at a place in undeformed tissue, cm/s; zero outside the vessel."""
         away = np.asarray(point, float) - self.start
@@ -156,6 +161,12 @@ class Blood:
             + (radius * right[which])[:, None] * one + (radius * up[which])[:, None] * other
         )  # fmt: skip
         return places
+
+    def rounds(self, time_s: float, which: NDArray[np.intp] | slice = slice(None)) -> Array:
+        """Return how often each has left the vessel and come in again, (m,)."""
+        first, a_second, whole, _, _ = self._first
+        found: Array = np.floor((first[which] + time_s * a_second[which]) / whole)
+        return found
 
     def _passed(self, time_s: float, which: NDArray[np.intp] | slice) -> Array:
         """Volume of the lumen that each has passed."""

@@ -23,6 +23,8 @@ _OF_ANGLE = 0.75
 
 def angle(probe: Probe) -> float | None:
     """Return the angle from the beam that grating lobes are heard from, in radians; None where there are none."""
+    if probe.kind == "phased":  # made so that there are none, whatever its frequency
+        return None
     sine = probe.wavelength_mm / PITCH_MM[probe.kind]
     return _OF_ANGLE * float(np.arcsin(sine)) if sine < 1 else None
 

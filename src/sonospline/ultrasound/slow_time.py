@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _RAYS, _RAY_SAMPLES = 32, 128
-_SLACK_MM = 2.0  # that blood flows during an ensemble, and the slice's thickness
+_SLACK_MM = 2.0
+"""Beside the slice, for what the tissue's own motion turns."""
 _LESS_NOISE_DB = 9.0
 """Of a pulse thrice as long, heard in a third of the band."""
 
@@ -58,11 +59,11 @@ class BloodEchoes:
         """
         parts: list[list[Floats]] = [[np.zeros((0, 4), np.float32)] for _ in times_s]
         for blood, level in self._flows:
-            near = blood.between(times_s[0], *self._stretch(blood.flow, probe_to_reference, largest_mm))
-            near = near[self._near(blood.places(times_s[0], near), probe_to_reference, largest_mm)]
+            slack_mm = largest_mm + blood.flow.fastest_mm_s * (times_s[-1] - times_s[0])
+            near = blood.between(times_s[0], *self._stretch(blood.flow, probe_to_reference, slack_mm))
+            near = near[self._near(blood.places(times_s[0], near), probe_to_reference, slack_mm)]
+            near = near[blood.rounds(times_s[0], near) == blood.rounds(times_s[-1], near)]  # else it came in again
             first, last = (blood.places(time_s, near) for time_s in (times_s[0], times_s[-1]))
-            stays = np.linalg.norm(last - first, axis=1) < 0.5 * blood.flow.length_mm  # or it came in again
-            near, first, last = near[stays], first[stays], last[stays]
             seen = [self._seen(places, probe_to_reference, field) for places in (first, last)]
             size = level * blood.amplitude * blood.signs[near]
             for k, share in enumerate(np.linspace(0, 1, len(times_s))):
