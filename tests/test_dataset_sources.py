@@ -80,6 +80,25 @@ def test_every_file_of_a_scene_counts_and_no_name_does(tmp_path):
         hash_of(scenes[0], tmp_path)
 
 
+def test_slices_of_a_series_count_however_it_is_named_and_others_beside_all_frames_do_not(tmp_path):
+    pytest.importorskip("pydicom", reason="needs the extra 'dicom'")
+    from dicom_files import places, write_enhanced, write_series
+
+    axes, pixels = np.eye(3)[:2], np.zeros((3, 4, 5), np.int16)
+    write_series(tmp_path / "series", pixels, places(3, axes), axes)
+    write_enhanced(tmp_path / "series.dcm", pixels, places(3, axes), axes)
+    first, *_, last = sorted((tmp_path / "series").iterdir())
+
+    def hashes():
+        named = ("series", f"series/{first.name}", "series.dcm")
+        return [hash_of(SceneFile.parse(SCENE.replace("none.nii.gz", name)), tmp_path) for name in named]
+
+    before = hashes()
+    last.write_bytes(last.read_bytes() + b"  ")
+    (tmp_path / "other.dcm").write_bytes(b"other")
+    assert [one == two for one, two in zip(before, hashes(), strict=True)] == [False, False, True]
+
+
 def test_a_file_that_changes_is_read_again(asked):
     origin = Plan(asked).origins[0]
     before = source(asked, origin)
