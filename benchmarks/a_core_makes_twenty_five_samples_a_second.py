@@ -49,5 +49,5 @@ if __name__ == "__main__":
     print(f"one process   {alone:6.1f} samples a second   at least {LEAST_A_SECOND:g}")
     print(f"two workers   {both / alone:6.2f} times as many   at least {LEAST_GAIN:g}")
     print(f"size        {size:8,.0f} bytes a sample   at most {MOST_BYTES:,}")
-    print(f"a million samples: {1e6 / alone / 3600:.1f} core hours, {size / 1000:.0f} GB, or 1 GB of recipes")
+    print(f"a million samples: {1e6 / alone / 3600:.1f} core hours, {size / 1000:.0f} GB, or 0.1 GB of recipes")
     sys.exit(alone < LEAST_A_SECOND or both / alone < LEAST_GAIN or size > MOST_BYTES)
