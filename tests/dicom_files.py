@@ -82,7 +82,7 @@ def write_enhanced(path, pixels, positions, axes, *, spacing=(0.8, 1.4), order=N
     save(made, path)
 
 
-def write_segments(path, masks, positions, axes, names, *, spacing=(0.8, 1.4)):
+def write_segments(path, masks, positions, axes, names, *, spacing=(0.8, 1.4), **measures):
     """Binary segments; slices where one is empty are left out, as programs do it."""
     frames = [(n, k) for n, mask in enumerate(masks) for k in range(len(mask)) if mask[k].any()]
     made = dataset(
@@ -92,7 +92,7 @@ def write_segments(path, masks, positions, axes, names, *, spacing=(0.8, 1.4)):
     made.SegmentSequence = [item(SegmentNumber=n + 1, SegmentLabel=name) for n, name in enumerate(names)]
     made.SharedFunctionalGroupsSequence = [
         item(
-            PixelMeasuresSequence=[item(PixelSpacing=list(spacing), SliceThickness=2.5)],
+            PixelMeasuresSequence=[item(PixelSpacing=list(spacing), SliceThickness=2.5, **measures)],
             PlaneOrientationSequence=[item(ImageOrientationPatient=numbers(axes))],
         )
     ]

@@ -124,6 +124,32 @@ def without_pixels(folder, left):
     save(made, file)
 
 
+def cut_in_its_header(folder):
+    write_series(folder, stored(), places(COUNT, AXIAL), AXIAL)
+    (first := folder / "IM00000.dcm").write_bytes(first.read_bytes()[:700])
+
+
+def cut_at_once(folder):
+    write_series(folder, stored(), places(COUNT, AXIAL), AXIAL)
+    (first := folder / "IM00000.dcm").write_bytes(first.read_bytes()[:150])
+
+
+def white_at_zero(folder):
+    each(folder, PhotometricInterpretation="MONOCHROME1")
+
+
+def each(folder, **fields):
+    """Slices that say something more each."""
+    import pydicom
+
+    write_series(folder, stored(), places(COUNT, AXIAL), AXIAL)
+    for file in folder.iterdir():
+        made = pydicom.dcmread(file)
+        for name, value in fields.items():
+            setattr(made, name, value)
+        save(made, file)
+
+
 def no_places(folder):
     import pydicom
 
@@ -145,6 +171,9 @@ def no_places(folder):
         (one_slice, r"is a folder; give one with a DICOM series of two slices or more"),
         (nothing, r"is a folder; give one with a DICOM series of two slices or more"),
         (no_places, r"is a folder; give one with a DICOM series of two slices or more"),
+        (cut_in_its_header, r": IM00000\.dcm is cut or damaged; copy it anew"),
+        (cut_at_once, r": IM00000\.dcm is cut or damaged; copy it anew"),
+        (white_at_zero, r"has its white at the least value \(MONOCHROME1\)"),
         (cut, r"the pixels of IM00014\.dcm cannot be decoded"),
     ],
 )
@@ -183,6 +212,25 @@ def test_segments_are_labels_with_names(tmp_path):
     assert labels.lattice == read_volume(tmp_path / "case").lattice
     (tmp_path / "organs.csv").write_text("label,name\n1,left\n2,right\n")
     assert read_labels(tmp_path / "organs.dcm").names == {1: "left", 2: "right"}
+
+
+@pytest.mark.parametrize("there", [(2, 8), (0, 2, 5)])
+def test_slices_that_segments_leave_out_are_as_high_as_others(tmp_path, there):
+    masks = np.zeros((1, COUNT, ROWS, COLUMNS), bool)
+    masks[0, list(there)] = np.random.default_rng(5).random((len(there), ROWS, COLUMNS)) < 0.5
+    positions = places(COUNT, OBLIQUE)
+    write_segments(tmp_path / "a.dcm", masks, positions, OBLIQUE, ["liver"], SpacingBetweenSlices=2.5)
+    labels = read_labels(tmp_path / "a.dcm")
+    assert labels.lattice.spacing[2] == pytest.approx(2.5)
+    np.testing.assert_array_equal(labels.voxels, masks[0, there[0] : there[-1] + 1].transpose(2, 1, 0))
+    write_segments(tmp_path / "b.dcm", masks, positions, OBLIQUE, ["liver"])
+    with pytest.raises(ValueError, match=r"2\.5 mm thick and \S+ mm apart, and does not say which lack"):
+        read_labels(tmp_path / "b.dcm")
+
+
+def test_slices_that_say_they_are_one_frame_are_a_series(tmp_path):
+    each(tmp_path / "case", NumberOfFrames=1)
+    assert read_volume(tmp_path / "case" / "IM00000.dcm").voxels.shape == (COLUMNS, ROWS, COUNT)
 
 
 def test_scales_of_each_slice_are_applied(tmp_path):

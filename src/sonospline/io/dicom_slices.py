@@ -6,7 +6,7 @@ import logging
 import warnings
 from collections import defaultdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,18 @@ Array = NDArray[np.float64]
 
 _SUFFIXES = (".dcm", ".ima")
 _MAGIC, _MAGIC_AT = b"DICM", 128
+_DEFLATED = "1.2.840.10008.1.2.1.99"
+"""Deflated Explicit VR Little Endian."""
+_DIRECTORY = "1.2.840.10008.1.3.10"
+"""Media Storage Directory Storage, a DICOMDIR."""
 _MOST_FILES = 50_000
 _ROUNDED = 5e-3
 """Of a direction's cosines, between slices of one orientation."""
 _HEADER = (
     "SOPClassUID", "SeriesInstanceUID", "SeriesDescription", "SeriesNumber", "Modality", "Rows", "Columns",
     "NumberOfFrames", "SamplesPerPixel", "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing",
-    "RescaleSlope", "RescaleIntercept", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence",
+    "SpacingBetweenSlices", "SliceThickness", "PhotometricInterpretation", "RescaleSlope", "RescaleIntercept",
+    "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence",
     "SegmentSequence", "SegmentationType", "MaximumFractionalValue",
 )  # fmt: skip
 REMEDY = "load it in 3D Slicer and save it as .nrrd"
@@ -48,6 +53,10 @@ class Slice(NamedTuple):
     """Slope and intercept of its values."""
     segment: int
     """Of a segmentation, which segment; else 0."""
+    between: float
+    """From slice to slice, where it says that; else 0."""
+    thickness: float
+    """0 where it does not say that."""
 
 
 class Series(NamedTuple):
@@ -85,8 +94,8 @@ def series_of(path: Path, where: str) -> Series:
         own = _header(path)
         if own is None:
             raise ValueError(f"{where} is no DICOM file that can be read; give an image in DICOM, or {REMEDY}")
-        files = [path] if "NumberOfFrames" in own else _files(path.parent, where, deep=False)
-    found = _all_series(files, None if own is None else _uid(own))
+        files = [path] if _count(own) > 1 else _files(path.parent, where, deep=False)
+    found = _all_series(files, None if own is None else _uid(own), where)
     found.sort(key=lambda series: (-len(series.slices), series.name))
     if not found or len(found[0].slices) < 2:
         what = "a DICOM series of two slices or more that say where they are"
@@ -98,6 +107,8 @@ def series_of(path: Path, where: str) -> Series:
         left = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
         logger.warning("%s holds %d series: %s is taken, not %s; name a file of another to take that",
                        where, len(found), taken, left)  # fmt: skip
+    if found[0].header.get("PhotometricInterpretation") == "MONOCHROME1":
+        raise ValueError(f"{where} has its white at the least value (MONOCHROME1), or is so shown alone; {REMEDY}")
     return found[0]
 
 
@@ -118,21 +129,34 @@ def _files(folder: Path, where: str, *, deep: bool = True) -> list[Path]:
 
 
 def _header(file: Path) -> Any | None:
-    """What a file says, without its pixels; None of one that is not DICOM."""
+    """What a file says, without its pixels; None of one that is not DICOM, or is cut before them."""
     pydicom = require("pydicom")
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), file.open("rb") as stream:
             warnings.simplefilter("ignore")
-            return pydicom.dcmread(file, stop_before_pixels=True, specific_tags=list(_HEADER))
+            header = pydicom.dcmread(stream, stop_before_pixels=True, specific_tags=list(_HEADER))
+            return header if _is_whole(header, stream) else None
     except Exception:  # of a file that is anything
         return None
 
 
-def _all_series(files: list[Path], uid: str | None) -> list[Series]:
+def _is_whole(header: Any, stream: BinaryIO) -> bool:
+    """Whether a file says what it is and, where that is an image, pixels follow."""
+    kind, announced = header.get("SOPClassUID"), header.file_meta.get("MediaStorageSOPClassUID")
+    if kind is None or announced is None:
+        return kind is not None or announced == _DIRECTORY
+    is_image = any(f"{what} Storage" in one.name for what in ("Image", "Segmentation") for one in (kind, announced))
+    deflated = header.file_meta.get("TransferSyntaxUID") == _DEFLATED  # is read whole
+    return not is_image or deflated or stream.read(1) != b""
+
+
+def _all_series(files: list[Path], uid: str | None, where: str) -> list[Series]:
     """All that the files hold, of one series alone where its UID is given."""
     found: dict[tuple[str, tuple[int, int]], list[Series]] = defaultdict(list)
     for file in files:
         header = _header(file)
+        if header is None and _begins_as_one(file):
+            raise ValueError(f"{where}: {file.name} is cut or damaged; copy it anew, or take it out of its folder")
         if header is None or (uid is not None and _uid(header) != uid):
             continue
         for slice_ in _slices(file, header):
@@ -142,6 +166,11 @@ def _all_series(files: list[Path], uid: str | None) -> list[Series]:
                 known.append(same := Series(_name(header), [], header))
             same.slices.append(slice_)
     return [series for known in found.values() for series in known]
+
+
+def _count(header: Any) -> int:
+    """How many frames a file has."""
+    return int(header.get("NumberOfFrames", 1) or 1)
 
 
 def _uid(header: Any) -> str:
@@ -162,9 +191,8 @@ def _slices(file: Path, header: Any) -> list[Slice]:
     try:
         if int(header.get("SamplesPerPixel", 1)) != 1:
             return []
-        count = int(header.get("NumberOfFrames", 1) or 1)
         shape = (int(header.Rows), int(header.Columns))
-        return [_slice(file, header, number, shape) for number in range(count)]
+        return [_slice(file, header, number, shape) for number in range(_count(header))]
     except Exception:  # whatever a header leaves out, or holds instead
         return []
 
@@ -179,10 +207,13 @@ def _slice(file: Path, header: Any, number: int, shape: tuple[int, int]) -> Slic
         for name, default in (("RescaleSlope", 1), ("RescaleIntercept", 0))
     )
     segment = int(said("SegmentIdentificationSequence", "ReferencedSegmentNumber", 0))
-    numbers = np.array([*position, *axes.ravel(), rows, columns, slope, intercept])
+    between, thickness = (
+        abs(float(said("PixelMeasuresSequence", name, 0) or 0)) for name in ("SpacingBetweenSlices", "SliceThickness")
+    )
+    numbers = np.array([*position, *axes.ravel(), rows, columns, slope, intercept, between, thickness])
     if position.shape != (3,) or not np.isfinite(numbers).all() or min(rows, columns) <= 0:
         raise ValueError("a place that is none")
-    return Slice(file, number, position, axes, (rows, columns), shape, (slope, intercept), segment)
+    return Slice(file, number, position, axes, (rows, columns), shape, (slope, intercept), segment, between, thickness)
 
 
 class _Said:

@@ -146,7 +146,7 @@ def _stack(where: str, slices: list[Slice], *, gaps: bool) -> _Stack:
     positions = np.array([one.position for one in slices])
     heights = positions @ normal
     order = np.argsort(heights, kind="stable")
-    step, places = _places(where, heights[order], gaps=gaps)
+    step, places = _places(where, heights[order], sparse=first if gaps else None)
     _refuse_shifted(where, positions[order], normal)
     found = np.empty(len(slices), np.int64)
     found[order] = places
@@ -155,21 +155,34 @@ def _stack(where: str, slices: list[Slice], *, gaps: bool) -> _Stack:
     return _Stack(found, (columns, rows, step), _LPS_TO_RAS * positions[order[0]], direction)
 
 
-def _places(where: str, heights: Array, *, gaps: bool) -> tuple[float, NDArray[np.int64]]:
-    """The distance from slice to slice, and which each is; with gaps, several may be at one height and others lack."""
+def _places(where: str, heights: Array, *, sparse: Slice | None) -> tuple[float, NDArray[np.int64]]:
+    """The distance from slice to slice, and which each is; of ``sparse`` ones several are at one place or none."""
     apart = np.diff(heights)
     steps = apart[apart > _SAME_MM]
     if not len(steps):
         raise ValueError(f"{where} has all its slices at one place; give a 3-D image")
-    step = float(steps.min() if gaps else np.median(steps))
-    if not gaps:
-        _refuse_gaps(where, apart, step)
+    if sparse is None:
+        _refuse_gaps(where, apart, step := float(np.median(steps)))
+    else:
+        step = _said_step(where, float(steps.min()), sparse)
     places = np.rint((heights - heights[0]) / step)
     step = float((heights[-1] - heights[0]) / places[-1])
     if np.abs(heights - heights[0] - places * step).max() > _UNEVEN * step + _SAME_MM:
         each = f"{steps.min():.4g} to {steps.max():.4g} mm"
         raise ValueError(f"{where} has slices unevenly apart, {each}; resample it evenly, or {REMEDY}")
     return step, places.astype(np.int64)
+
+
+def _said_step(where: str, least: float, frame: Slice) -> float:
+    """The distance from slice to slice of segments, any of which may lack: ``least`` may be that of two that stay."""
+    if 0 < frame.between < 1.5 * least:
+        return frame.between
+    if not frame.between and 0 < 1.5 * frame.thickness < least:
+        raise ValueError(
+            f"{where} has slices {frame.thickness:.4g} mm thick and {least:.4g} mm apart, and does not say which lack "
+            f"between them (SpacingBetweenSlices); {REMEDY}"
+        )
+    return least
 
 
 def _refuse_gaps(where: str, apart: Array, step: float) -> None:
