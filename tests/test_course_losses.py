@@ -40,16 +40,6 @@ def test_what_the_database_never_takes_is_said_and_tried_once():
     assert said == ["The result could not be kept: course.db: invalid byte sequence"]
 
 
-def test_values_that_break_a_rule_of_the_tables_are_known(tmp_path):
-    with ResultStore(tmp_path / "course.db") as store:
-        metrics = store._tables.metrics
-        with pytest.raises(LabDataError, match="FOREIGN KEY"):
-            store._database.write(lambda one: one.execute(metrics.insert().values(attempt_id=9, name="x", value=1.0)))
-        other = SimpleNamespace(orig=Exception({"C": "22021", "M": "invalid byte sequence"}))
-        away = SimpleNamespace(orig=Exception({"C": "57P01", "M": "terminating connection"}))
-        assert store._database._is_of_values(other) and not store._database._is_of_values(away)
-
-
 def test_a_repeat_under_a_key_is_no_double(tmp_path):
     """As after a commit whose answer was lost."""
     with ResultStore(tmp_path / "course.db") as store:

@@ -15,7 +15,7 @@ from scipy.stats import binom
 from lab_stores import fresh, postgresql, record, write_as_a_station
 from sonospline import cli
 from sonospline.lab import AttemptRecord, Cusum, ResultStore, write_tables
-from sonospline.lab.database import LabDatabaseError
+from sonospline.lab.database import LabDatabaseError, LabDataError
 from sonospline.simulator import make_scene
 from sonospline.training import METRICS, Attempt, Exercise, Novice, performed
 
@@ -175,6 +175,23 @@ def test_tables_of_the_version_before_get_what_they_lack(tmp_path):
             store.add_comment(1, 2.0, "Kept.")
     with ResultStore(path) as store:
         assert store.comments(1) == [(2.0, "Kept.")] * 2 and len(list(store.attempts())) == 1
+
+
+def test_tables_of_a_version_before_get_what_they_lack(tmp_path):
+    path = tmp_path / "course.db"
+    with ResultStore(path) as store:
+        store.add_participant("K-17")
+    with sqlite3.connect(path) as kept:
+        kept.execute("DROP TABLE keys")
+        kept.execute("UPDATE about SET value = '2'")
+    with ResultStore(path) as store:
+        assert store.add("K-17", record(), key="a") == store.add("K-17", record(), key="a")
+
+
+def test_values_that_break_a_rule_of_the_tables_are_told_from_a_database_that_is_away(store):
+    lost = store._tables.metrics.insert().values(attempt_id=9, name="passes", value=1.0)
+    with pytest.raises(LabDataError, match=r"(?i)foreign key"):
+        store._database.write(lambda connection: connection.execute(lost))
 
 
 def test_a_database_that_is_away_is_said_without_its_password():
