@@ -93,7 +93,7 @@ entry = session.scene.tissue.grid.world([face[0], face[1], 0.0])
 needle = ss.Needle(entry, entry + [0, 0, 20.0])
 frame = session.step(needles={{"needle": needle}})
 console = Console(Session(scene, model="paper"))
-message = SceneMessage.of("mine", console, console.command, session.scene.start)
+message = SceneMessage.of("mine", console, console.command, session.scene.start, frozenset())
 part = scene_schema()["$defs"]["ModelPart"]["properties"]
 answer = {{
     "model": session.model, "moved": float(abs(frame.field.on_grid()).max()),

@@ -25,7 +25,10 @@ def test_a_busy_port_is_one_clear_line(capsys):
     ("options", "says"),
     [
         (["--host", "0.0.0.0"], "give --token of at least 8 characters"),
-        (["--scene", "castle"], "--scene = 'castle' is not known; give kidney, gel, cube, or a .toml file"),
+        (
+            ["--scene", "castle"],
+            "--scene = 'castle' is not known; give kidney, kidney-wide, gel, cube, or a .toml file",
+        ),
         (["--scene", "none.toml"], "none.toml' does not exist"),
         (["--port", "70000"], "--port = 70000 is too large"),
         (["--labels", "a.nii", "--volume", "b.mha"], "--labels and --volume were both given"),

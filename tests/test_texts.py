@@ -210,6 +210,7 @@ MAKERS = {
     fields.TheoryError: lambda: made_elastic().largest_strain().theory_error,
     mechanics.AxialForce: lambda: ss.TissueForce(tissues=TISSUES).along(NEEDLE),
     mechanics.PointForces: lambda: ss.TissueForce(tissues=TISSUES).along(NEEDLE).at_points(NEEDLE.depth, 3.0),
+    mechanics.AmortisedParameters: mechanics.AmortisedParameters.shipped,
     mechanics.Breathing: lambda: mechanics.Breathing().held(100 / 3),
     mechanics.BreathHold: lambda: mechanics.BreathHold(100 / 3, 50),
     mechanics.Spread: lambda: mechanics.Spread(100 / 3, 5, 10, 50),

@@ -17,6 +17,8 @@ Array = NDArray[np.floating]
 
 _BYTES_EACH = 3
 """Of a voxel, while it is painted."""
+_MORE_THAN_ANY = 1e15
+"""Voxels, beyond what any memory holds."""
 _PLANES = 16
 """Painted at once by a thread: few enough for the cache, enough to be worth waking it."""
 
@@ -41,11 +43,12 @@ class Canvas:
         self.origin = np.asarray(low_mm, float)
         self.spacing_mm = spacing_mm
         size = np.asarray(high_mm, float) - self.origin
-        shape = tuple(round(s / spacing_mm) + 1 for s in size)
-        voxels = int(np.prod(np.array(shape, float)))
+        with np.errstate(over="ignore"):
+            counts = np.rint(size / spacing_mm) + 1
+            voxels = int(min(counts.prod(), _MORE_THAN_ANY))
         what = f"a phantom of {lengths(size)} at spacing_mm = {spacing_mm:g}"
         refuse_beyond(_BYTES_EACH * voxels, what, remedy="use larger voxels, or a smaller scene")
-        self.labels = np.zeros(shape, np.uint8)
+        self.labels = np.zeros(counts.astype(int), np.uint8)
 
     def axes(self, window: tuple[slice, ...] | None = None) -> tuple[Array, Array, Array]:
         """Return coordinates of the voxels of a window in mm, to be broadcast against each other."""
