@@ -174,7 +174,8 @@ def test_help_and_what_screen_readers_hear(drive):
     driver.until(f"{DEPTH} === 0.5")
     nameless = driver.evaluate(
         """() => [...document.querySelectorAll("button, input, [role=slider], [tabindex='0']")]
-            .filter((e) => !(e.getAttribute("aria-label") || e.getAttribute("aria-labelledby") || e.textContent.trim()))
+            .filter((e) => !(e.hidden || e.labels?.length || e.textContent.trim()
+                || e.getAttribute("aria-label") || e.getAttribute("aria-labelledby")))
             .map((e) => e.outerHTML.slice(0, 120))"""
     )
     assert nameless == []
