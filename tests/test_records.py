@@ -105,7 +105,7 @@ frequency_mhz = 3.0
 depth_mm = 40.0
 lines = 64
 '''), model="paper"))
-beams = SceneMessage.of("x", console, console.command, console.scene.start).probe.beams
+beams = SceneMessage.of("x", console, console.command, console.scene.start, frozenset()).probe.beams
 print(console.step().image.pixels.std() > 5, round(beams[-1][0], 2), round(beams[-1][3], 3))
 parts = scene_schema()["$defs"]
 print("endocavity" in parts["ProbePart"]["properties"]["kind"]["enum"])

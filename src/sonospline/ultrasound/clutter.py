@@ -34,6 +34,7 @@ _TAIL_MM = 12.0
 _TAIL_RUN = 16
 _TAIL_DB_CM_MHZ = 0.6  # lost on the way as elsewhere
 _LOUD_DB = 20.0  # above liver at its depth: what is heard again
+_FAINTEST = 1e25  # one over a power that nothing is heard of, so deep or at so high a frequency
 MIRROR_DB = 40.0
 """A perfect mirror over liver speckle, of such surfaces as here."""
 
@@ -151,7 +152,7 @@ class Clutter:
             return NO_CLUTTER.unit, NO_CLUTTER.loudness, 0.0
         probe, power = self.optics.probe, self.optics.speckle_power
         lost = 2 * _TAIL_DB_CM_MHZ * probe.frequency_mhz * probe.ranges / 10
-        loudness = 10 ** ((lost - _LOUD_DB) / 10) / power
+        loudness = np.minimum(10 ** ((lost - _LOUD_DB) / 10) / power, _FAINTEST)
         again = 10 ** ((self.artefacts.multiples_db - MIRROR_DB) / 20)
         return np.sqrt(power).astype(np.float32), loudness.astype(np.float32), float(again)
 
