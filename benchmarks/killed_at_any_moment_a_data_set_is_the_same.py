@@ -17,29 +17,11 @@ import tempfile
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+from small_datasets import SMALL
 from sonospline.dataset import DataSet, Specification, make_dataset
 
-TEXT = """
-samples = {samples}
-seed = 5
-[[sources]]
-kind = "block"
-[anatomy]
-samples = 4
-voxel_mm = 2.0
-[view]
-samples = 2
-lines = 32
-depth_mm = [30, 30]
-frequency_mhz = [4, 4]
-[model]
-use = "elastic"
-solver_nodes = 1200
-[stored]
-pixels = 32
-[storage]
-shard = 2
-"""
 LONGEST_S = 4.0
 VICTIMS = ("client", "scheduler", "worker")
 
@@ -93,7 +75,7 @@ def kill(process):
 
 def main(kills):
     chance = random.Random(0)
-    text = TEXT.format(samples=max(40, 2 * kills))
+    text = SMALL.replace("samples = 6", f"samples = {max(40, 2 * kills)}")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         make_dataset(Specification.parse(text), folder / "undisturbed")

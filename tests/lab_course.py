@@ -7,6 +7,7 @@ import numpy as np
 
 from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
+from small_exercise import EXERCISE
 from sonospline.course.course import Course
 from sonospline.course.door import Door
 from sonospline.course.lab_server import LabServer
@@ -17,27 +18,7 @@ from sonospline.training import Exercise
 from sonospline.training.attempt_recording import Recordings
 
 TOKEN = "chalk and sponge"
-BLOCK = """
-name = "Block, by the image"
-description = "Reach the vessel."
-level = 2
-scene = "small.toml"
-target = "middle"
-time_limit_s = 60
-most_passes = 2
-guides = []
-
-[[targets]]
-name = "middle"
-at = [60.37, 29.61, 23.83]
-
-[start]
-u = [-30.0, -20.0]
-angle = [20.0, 60.0]
-
-[pass_mark]
-passes = {most = 1}
-"""
+BLOCK = EXERCISE + "[pass_mark]\npasses = {most = 1}\n"
 
 
 class Lab(Running):

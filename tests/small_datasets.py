@@ -26,6 +26,19 @@ volume = 5
 [storage]
 shard = 2
 """
+PATIENTS_SCENE = """
+name = "Patients"
+[tissue]
+source = "labels"
+file = "none.nii.gz"
+entry_face = "z-"
+nodes = 1500
+[probe]
+kind = "linear"
+depth_mm = 30
+frequency_mhz = 4
+"""
+"""Of label maps, which each names its own."""
 
 
 def small(form="zarr", **changed):

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from builds import needs_core
 from small_datasets import SMALL, small
 from sonospline.dataset import DataSet, make_dataset
 from sonospline.dataset.cluster import _check_scheduler, made_by_workers, made_on
@@ -35,15 +36,17 @@ def client_with(ours, theirs):
 @pytest.mark.parametrize(
     ("worker", "said"),
     [
-        ({"backend": "numpy", "instruction_set": "numpy"}, "the workers run without the compiled core"),
+        pytest.param(
+            {"backend": "numpy", "instruction_set": "numpy"},
+            "the workers run without the compiled core",
+            marks=needs_core,
+        ),
         ({"numpy": "1.0"}, "worker tcp://b would make other bits: its numpy is 1.0 instead of"),
         ({"code": "other"}, "its code is other instead of"),
         (ModuleNotFoundError("No module named 'sonospline'"), "cannot run sonospline .*install the same version"),
     ],
 )
 def test_workers_of_another_kind_are_refused(worker, said):
-    if provenance()["backend"] == "numpy" and "compiled core" in said:
-        pytest.skip("there is no core here")
     theirs = worker if isinstance(worker, Exception) else provenance() | worker
     with pytest.raises(WorkerError, match=said) as refused:
         made_on(client_with(None, {"tcp://b": theirs}))

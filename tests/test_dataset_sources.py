@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from small_datasets import SMALL
+from small_datasets import PATIENTS_SCENE, SMALL
 from sonospline.dataset import DataSet, Plan, Specification, make_dataset
 from sonospline.dataset.checking import check
 from sonospline.dataset.provenance import provenance
@@ -24,18 +24,6 @@ pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
 BLOCK = '[[sources]]\nkind = "block"'
 LABELS = '[[sources]]\nkind = "labels"\nfolder = "maps"\nscene = "scene.toml"\n[target]\ntissues = ["liver"]'
-SCENE = """
-name = "Patients"
-[tissue]
-source = "labels"
-file = "none.nii.gz"
-entry_face = "z-"
-nodes = 1500
-[probe]
-kind = "linear"
-depth_mm = 30
-frequency_mhz = 4
-"""
 
 
 def write_map(folder, name, skin):
@@ -51,7 +39,7 @@ def asked(tmp_path):
     (tmp_path / "maps").mkdir()
     for skin, name in enumerate(("Jane_Doe", "John_Doe"), 2):
         write_map(tmp_path / "maps", name, skin)
-    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml").write_text(PATIENTS_SCENE)
     (tmp_path / "asked.toml").write_text(SMALL.replace(BLOCK, LABELS))
     return Specification.read(tmp_path / "asked.toml")
 
@@ -64,7 +52,7 @@ def job_of(asked, place):
 
 def test_every_file_of_a_scene_counts_and_no_name_does(tmp_path):
     part = 'file = "{}.mha"\nnames = "n.csv"\nct = "ct.mhd"\nmaterials = "m.toml"'
-    scenes = [SceneFile.parse(SCENE.replace('file = "none.nii.gz"', part.format(name))) for name in ("a", "b")]
+    scenes = [SceneFile.parse(PATIENTS_SCENE.replace('file = "none.nii.gz"', part.format(name))) for name in ("a", "b")]
     for name in ("a.mha", "b.mha", "n.csv", "m.toml"):
         (tmp_path / name).write_bytes(b"1")
     ss.write_volume(ss.Volume(voxels=np.zeros((3, 3, 3), np.int16), spacing=(1, 1, 1)), tmp_path / "ct.mhd")
@@ -91,7 +79,7 @@ def test_slices_of_a_series_count_however_it_is_named_and_others_beside_all_fram
 
     def hashes():
         named = ("series", f"series/{first.name}", "series.dcm")
-        return [hash_of(SceneFile.parse(SCENE.replace("none.nii.gz", name)), tmp_path) for name in named]
+        return [hash_of(SceneFile.parse(PATIENTS_SCENE.replace("none.nii.gz", name)), tmp_path) for name in named]
 
     before = hashes()
     last.write_bytes(last.read_bytes() + b"  ")

@@ -7,25 +7,13 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from small_datasets import SMALL
+from small_datasets import PATIENTS_SCENE, SMALL
 from sonospline import cli
 from sonospline.commands import _rate
 from sonospline.dataset import DataSet, Specification, make_dataset
 
 pytest.importorskip("zarr", reason="needs the extra 'data'")
 
-SCENE = """
-name = "Patients"
-[tissue]
-source = "labels"
-file = "none.nii.gz"
-entry_face = "z-"
-nodes = 1500
-[probe]
-kind = "linear"
-depth_mm = 30
-frequency_mhz = 4
-"""
 PATIENTS = """
 [[sources]]
 kind = "labels"
@@ -71,7 +59,7 @@ def test_label_maps_of_patients_are_known_by_their_hashes(tmp_path):
         voxels[..., : 2 + number] = 1
         ss.write_volume(ss.Volume(voxels=voxels, spacing=(3, 3, 3)), folder / f"{patient}.nii.gz")
         (folder / f"{patient}.csv").write_text("label,name\n1,skin\n2,liver\n")
-    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml").write_text(PATIENTS_SCENE)
     (tmp_path / "asked.toml").write_text(
         SMALL.replace('[[sources]]\nkind = "block"', PATIENTS).replace("shard = 2", "")
     )

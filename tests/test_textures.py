@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from builds import needs_core
 from sonospline import _core
 from sonospline._core import twin
 from sonospline._core.textures import KINDS, texture_map, textures
@@ -81,9 +82,8 @@ def test_textures_leave_the_mean_level_about_where_it_was(name):
     assert abs(change) < 2.5
 
 
+@needs_core
 def test_the_core_and_its_twin_choose_the_same(monkeypatch):
-    if not _core.native:
-        pytest.skip("there is no compiled core")
     tissue = replace(textured(TISSUES["liver"]), texture_direction=(0.3, -0.5, 0.8), texture_db=4.0)
     small = replace(PROBE, depth_mm=14, samples=256, aperture_mm=10, lines=24)
     seen = []

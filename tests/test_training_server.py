@@ -10,6 +10,7 @@ import pytest
 
 from simulator_client import Client, Running
 from simulator_scenes import SMALL_PAPER
+from small_exercise import EXERCISE
 from sonospline.server import wire
 from sonospline.server.exercise_catalog import ExerciseCatalog, ExerciseEntry, read_folder
 from sonospline.training import Exercise, Recording, measure
@@ -17,24 +18,9 @@ from sonospline.training.attempt_recording import Recordings
 
 pytest.importorskip("mcap")
 
-BLIND = """
-name = "Block, by the image"
-description = "Reach the vessel."
-level = 2
-scene = "small.toml"
-target = "middle"
-time_limit_s = 60
-most_passes = 2
-guides = []
-target_in = ["blood"]
-
-[[targets]]
-name = "middle"
-at = [60.37, 29.61, 23.83]
-
-[start]
-u = [-30.0, -20.0]
-angle = [20.0, 60.0]
+BLIND = (
+    EXERCISE.replace("guides = []", 'guides = []\ntarget_in = ["blood"]')
+    + """
 swing = [-20.0, 20.0]
 
 [entry_zone]
@@ -45,6 +31,7 @@ v = [-10.0, 10.0]
 final_error_mm = {most = 3.0}
 passes = {most = 1}
 """
+)
 
 
 @pytest.fixture(scope="module")
