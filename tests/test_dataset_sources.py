@@ -151,3 +151,13 @@ def test_samples_of_scenes_and_of_label_maps_are_made_and_made_again(kind, asked
     assert {row["source"] for row in data.rows()} <= hashes
     assert all(data.shard(number)["image"].any() for number in range(3))
     assert not check(data, remade=2).problems
+
+
+@pytest.mark.parametrize("scene", ["kidney", "kidney-wide"])
+def test_a_phantom_without_its_dent_is_the_same_phantom(scene):
+    text = f'samples = 1\n[[sources]]\nkind = "scene"\nscene = "{scene}"\n[anatomy]\nvoxel_mm = 4.0'
+    plan = Plan(Specification.parse(text))
+    found = source(plan.asked, plan.origins[0])
+    shown, meant = (set(np.unique(labels.voxels)) for labels in (found.acoustic, found.mechanical))
+    assert shown == meant and (13 in shown) == (scene == "kidney-wide")
+    assert found.press_mm == 0 and found.acoustic.voxels[:, :, 0].all(), "no gel between the skin and the probe"

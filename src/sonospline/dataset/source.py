@@ -19,7 +19,6 @@ from ..geometry.volume import Volume
 from ..io.records import FieldError
 from ..mechanics.material import Material
 from ..mechanics.membranes import Membrane
-from ..phantoms.kidney import kidney_phantom
 from ..simulator.scene_content import SceneContent, read_content, scene_materials
 from ..simulator.scene_file import SceneFile
 from ..simulator.skin_frame import SkinFrame
@@ -179,8 +178,7 @@ def _undented(scene: SceneFile, content: SceneContent) -> SceneContent:
     """A phantom without the dent it is painted with: probes of a data set are elsewhere."""
     if content.undented is None:
         return content
-    phantom = kidney_phantom(spacing_mm=scene.tissue.voxel_mm, pressed=False, kept=True).phantom
-    tissues = content.undented.tissues()
+    phantom, tissues = content.undented.phantom(scene.tissue.voxel_mm), content.undented.tissues()
     membranes = () if content.tissues is None else content.tissues.membranes
     return replace(content, phantom=phantom, tissues=replace(tissues, membranes=membranes))
 

@@ -36,8 +36,8 @@ class PaintedDent:
 
     at: Array
     """(3,) the middle of the probe's face, world."""
-    undented: Callable[[], Volume]
-    """Makes the labels, for mechanics, of the same phantom without it."""
+    undented: Callable[[float], Phantom]
+    """Makes the same phantom without it, of a voxel size."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,12 +73,12 @@ def wide_kidney(voxel_mm: float) -> GeneratedTissue:
     )  # fmt: skip
 
 
-def _undented_wide_kidney() -> Volume:
-    return wide_kidney_phantom(spacing_mm=MECHANICAL_VOXEL_MM, pressed=False).phantom.labels
+def _undented_wide_kidney(voxel_mm: float) -> Phantom:
+    return wide_kidney_phantom(spacing_mm=voxel_mm, pressed=False, kept=True).phantom
 
 
-def _undented_kidney() -> Volume:
-    return kidney_phantom(spacing_mm=MECHANICAL_VOXEL_MM, pressed=False).phantom.labels
+def _undented_kidney(voxel_mm: float) -> Phantom:
+    return kidney_phantom(spacing_mm=voxel_mm, pressed=False, kept=True).phantom
 
 
 def gel_block(voxel_mm: float) -> GeneratedTissue:

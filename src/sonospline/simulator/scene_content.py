@@ -19,7 +19,7 @@ from ..io.volumes import read_volume
 from ..mechanics.material_table import BACKGROUND, MaterialTable
 from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
-from ..phantoms.generated import MECHANICAL_VOXEL_MM, PHANTOMS, GeneratedTissue
+from ..phantoms.generated import MECHANICAL_VOXEL_MM, PHANTOMS, PaintedDent
 from ..ultrasound.artefacts import Artefacts
 from ..ultrasound.display import Display
 from ..ultrasound.needle_echo import LOOKS
@@ -41,6 +41,8 @@ class Undented(NamedTuple):
     """(3,) the middle of the face of the probe that dents it, world."""
     tissues: Callable[[], TissueMap]
     """Makes them."""
+    phantom: Callable[[float], Phantom]
+    """Makes it, of a voxel size."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,13 +89,15 @@ def _generated(spec: SceneFile, folder: Path, progress: Progress) -> SceneConten
         labels=coarse if labelled else None,
         names=made.names,
         phantom=made.phantom,
-        undented=None if made.dent is None else Undented(made.dent.at, partial(_undented, made, materials)),
+        undented=None if made.dent is None else _undented(made.dent, made.names, materials),
     )
 
 
-def _undented(made: GeneratedTissue, materials: MaterialTable) -> TissueMap:
-    assert made.dent is not None
-    return TissueMap.named(made.dent.undented(), made.names, materials)
+def _undented(dent: PaintedDent, names: Mapping[int, str], materials: MaterialTable) -> Undented:
+    def tissues() -> TissueMap:
+        return TissueMap.named(dent.undented(MECHANICAL_VOXEL_MM).labels, names, materials)
+
+    return Undented(dent.at, tissues, dent.undented)
 
 
 def _labels(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
