@@ -9,7 +9,7 @@ import pytest
 
 import sonospline as ss
 from small_datasets import PATIENTS_SCENE, SMALL
-from sonospline.dataset import DataSet, Plan, Specification, make_dataset
+from sonospline.dataset import DataSet, Plan, Specification, World, make_dataset
 from sonospline.dataset.checking import check
 from sonospline.dataset.provenance import provenance
 from sonospline.dataset.recipe import UnplaceableError
@@ -18,6 +18,7 @@ from sonospline.dataset.source import Origin, source
 from sonospline.dataset.source_files import hash_of
 from sonospline.dataset.store import store_at
 from sonospline.simulator.scene_file import SceneFile
+from sonospline.ultrasound import Artefacts, Display
 
 pytest.importorskip("zarr", reason="needs the extra 'data'")
 pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
@@ -161,3 +162,14 @@ def test_a_phantom_without_its_dent_is_the_same_phantom(scene):
     shown, meant = (set(np.unique(labels.voxels)) for labels in (found.acoustic, found.mechanical))
     assert shown == meant and (13 in shown) == (scene == "kidney-wide")
     assert found.press_mm == 0 and found.acoustic.voxels[:, :, 0].all(), "no gel between the skin and the probe"
+
+
+@pytest.mark.parametrize("textures", ["true", "false"])
+def test_a_scene_is_imaged_as_it_is_shown(textures, asked):
+    shown = f"[display]\ngain_db = 3\nartefacts = false\ntextures = {textures}"
+    (asked.folder / "scene.toml").write_text(PATIENTS_SCENE + shown)
+    plan = Plan(asked)
+    scanner = World(plan.anatomy(0), plan.labels()).scanner(plan.recipe(0), 1.0)
+    assert (scanner.phantom.tissues == scanner.phantom.textured().tissues) == (textures == "true")
+    assert scanner.display.gain_db == Display().gain_db + 3 and scanner.artefacts == Artefacts.none()
+    assert scanner.probe == plan.anatomy(0).probe and scanner.probe.downshift_db_cm_mhz == 0

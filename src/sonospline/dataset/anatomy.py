@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
+from msgspec.structs import replace as changed
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -15,14 +16,14 @@ from ..geometry.label_map import LabelMap
 from ..geometry.tissue import Tissue
 from ..mechanics.tissue_map import TissueMap
 from ..simulator.scene_file import ProbePart
+from ..simulator.scene_view import probe_of
 from ..ultrasound.acoustics import NO_ECHO
 from ..ultrasound.phantom import Phantom
-from ..ultrasound.probe import PROBES, Probe
+from ..ultrasound.probe import Probe
 from .draws import Array, Stream, between, factor_between, stream
 from .source import Form, Origin, Painted, Source, source
 from .specification import Specification
 
-_DOWNSHIFT_DB_CM_MHZ = 0.5
 _LOUDEST_DB = 40.0
 _LARGEST_SEED = 2**32
 
@@ -188,8 +189,5 @@ def _drawn_probe(random: Generator, asked: Specification, scene: ProbePart, *, a
     view = asked.view
     frequency = between(random, view.frequency_mhz or (scene.frequency_mhz, scene.frequency_mhz))
     depth = between(random, view.depth_mm or (scene.depth_mm, scene.depth_mm))
-    focus = {} if scene.focus_mm is None else {"elevation_focus_mm": scene.focus_mm}
-    return PROBES[scene.kind](
-        frequency_mhz=frequency, depth_mm=depth, lines=view.lines, transmit_focus_mm=scene.transmit_focus_mm,
-        downshift_db_cm_mhz=_DOWNSHIFT_DB_CM_MHZ if artefacts else 0.0, **focus,
-    )  # fmt: skip
+    part = changed(scene, frequency_mhz=frequency, depth_mm=depth, lines=view.lines)
+    return probe_of(part, artefacts=artefacts)

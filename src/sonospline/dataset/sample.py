@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
@@ -16,10 +17,8 @@ from ..geometry.plane import ImagePlane
 from ..models.contract import Response, TissueModel
 from ..models.insertion import NEEDLE
 from ..simulator.scene_model import tissue_model
-from ..ultrasound.artefacts import Artefacts
+from ..simulator.scene_view import View, view_of
 from ..ultrasound.bmode import BMode
-from ..ultrasound.display import Display
-from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.synthesis import Scanner
 from .anatomy import Anatomy
 from .image_truth import displacement_now, labels_now, needle_pixels
@@ -72,15 +71,18 @@ class World:
         self.anatomy = anatomy
         self._labels = labels
         self._scanners: dict[tuple[tuple[float, ...], float], Scanner] = {}
+        self._at_margin: dict[float, Scanner] = {}
 
     @cached_property
     def model(self) -> TissueModel:
         """What answers."""
-        from msgspec.structs import replace
-
         anatomy = self.anatomy
         spec = replace(anatomy.source.scene, model=anatomy.asked.model)
         return tissue_model(spec, anatomy.tissue, anatomy.tissues, anatomy.asked.model.use)
+
+    @cached_property
+    def _view(self) -> View:
+        return view_of(self.anatomy.source.scene, self.anatomy.phantom)
 
     @cached_property
     def _numbers(self) -> NDArray[np.uint8]:
@@ -104,18 +106,13 @@ class World:
         pose = self.anatomy.source.frame.probe_to_reference(recipe.probe_command, self.anatomy.source.press_mm)
         alike = self._at_margin.get(margin)
         if alike is None:
-            scene, stored = self.anatomy.source.scene, self.anatomy.asked.stored
+            view, stored = self._view, self.anatomy.asked.stored
             alike = self._at_margin[margin] = Scanner(
-                self.anatomy.phantom, self.anatomy.probe, pose, seed=self.anatomy.seed, margin_mm=margin,
-                needle_echo=LOOKS[scene.needle.look](), picture_shape=(stored.pixels, stored.pixels),
-                artefacts=Artefacts() if scene.display.artefacts else Artefacts.none(),
-                display=Display(gain_db=Display().gain_db + scene.display.gain_db, range_db=scene.display.range_db),
+                view.phantom, self.anatomy.probe, pose, seed=self.anatomy.seed, margin_mm=margin,
+                needle_echo=view.echo, picture_shape=(stored.pixels, stored.pixels), artefacts=view.artefacts,
+                display=view.display,
             )  # fmt: skip
         return alike.moved(pose)
-
-    @cached_property
-    def _at_margin(self) -> dict[float, Scanner]:
-        return {}
 
     def sample(self, recipe: Recipe, split: str = "") -> Sample:
         """Make a sample.
@@ -146,8 +143,7 @@ class World:
 
     def _shaft(self, needle: Needle, bmode: BMode) -> NDArray[np.bool_]:
         """Pixels of the needle inside the fan."""
-        diameter = LOOKS[self.anatomy.source.scene.needle.look]().diameter_mm
-        return needle_pixels(needle, diameter, self.anatomy.probe, bmode.frame.plane) & _fan(bmode)
+        return needle_pixels(needle, self._view.echo.diameter_mm, self.anatomy.probe, bmode.frame.plane) & _fan(bmode)
 
     def _arrays(self, field: GridField, bmode: BMode, shaft: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
         """What the specification keeps."""

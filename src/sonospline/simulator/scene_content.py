@@ -20,8 +20,6 @@ from ..mechanics.material_table import BACKGROUND, MaterialTable
 from ..mechanics.membranes import Membrane
 from ..mechanics.tissue_map import TissueMap
 from ..phantoms.generated import MECHANICAL_VOXEL_MM, PHANTOMS, PaintedDent
-from ..ultrasound.artefacts import Artefacts
-from ..ultrasound.display import Display
 from ..ultrasound.needle_echo import LOOKS
 from ..ultrasound.organs import LARGEST_ORGAN, phantom_from_organs
 from ..ultrasound.phantom import Phantom
@@ -29,6 +27,7 @@ from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer, swept
 from .imaging import Imager, ReslicedImager, SyntheticImager, grey_range
 from .scene_file import SceneFile
+from .scene_view import view_of
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -135,11 +134,8 @@ def _volume(spec: SceneFile, folder: Path, progress: Progress) -> SceneContent:
 
 
 def _synthetic(spec: SceneFile, phantom: Phantom) -> Callable[[Probe, Array], Imager]:
-    shown = spec.display
-    display = Display(gain_db=Display().gain_db + shown.gain_db, range_db=shown.range_db, noise_db=shown.noise_db)
-    artefacts = Artefacts() if shown.artefacts else Artefacts.none()
-    seen = phantom.textured() if shown.textures else phantom
-    return partial(SyntheticImager.of, seen, display=display, echo=LOOKS[spec.needle.look](), artefacts=artefacts)
+    view = view_of(spec, phantom)
+    return partial(SyntheticImager.of, view.phantom, display=view.display, echo=view.echo, artefacts=view.artefacts)
 
 
 def scene_materials(spec: SceneFile, folder: Path) -> MaterialTable:

@@ -9,18 +9,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from ..geometry.tissue import Tissue
-from ..ultrasound.probe import PROBES, Probe
 from .command import Command
 from .knobs import Circumstances, Knobs, start
 from .scene import Scene
 from .scene_content import Progress, read_content
 from .scene_file import SceneFile
 from .scene_meshes import scene_meshes
+from .scene_view import probe_of
 from .skin_frame import SkinFrame
 from .tissue_settings import TissueSettings
-
-_DOWNSHIFT = 0.5
-"""Attenuation of the tissue before an organ, dB/cm/MHz, by which the centre frequency falls."""
 
 
 def make_scene(scene: SceneFile | str | Path, *, folder: Path | None = None, progress: Progress | None = None) -> Scene:
@@ -68,7 +65,7 @@ def _made(spec: SceneFile, folder: Path, progress: Progress) -> Scene:
     frame = SkinFrame.on_face(content.grid, spec.tissue.entry_face, at=spec.probe.at, right=spec.probe.right)
     targets = {part.name: np.array(part.at) for part in spec.targets} or dict(content.targets)
     tissue.check_inside(**{f"target {name!r}": at for name, at in targets.items()})
-    probe = _probe(spec)
+    probe = probe_of(spec.probe, artefacts=spec.display.artefacts)
     along, across = frame.sides(content.grid)
     deep = float(np.abs(frame.depth @ content.grid.direction) @ content.grid.extent)
     circumstances = Circumstances(spec, probe, along, across, deep, synthetic=content.phantom is not None)
@@ -92,16 +89,6 @@ def _tissue_settings(spec: SceneFile) -> TissueSettings:
         breathing="free" if breathes else "none",
         probe="presses" if spec.probe.presses else "looks",
     )
-
-
-def _probe(spec: SceneFile) -> Probe:
-    part = spec.probe
-    focus = {} if part.focus_mm is None else {"elevation_focus_mm": part.focus_mm}
-    return PROBES[part.kind](
-        frequency_mhz=part.frequency_mhz, depth_mm=part.depth_mm, lines=part.lines,
-        transmit_focus_mm=part.transmit_focus_mm, downshift_db_cm_mhz=_DOWNSHIFT if spec.display.artefacts else 0.0,
-        **focus,
-    )  # fmt: skip
 
 
 def _nothing() -> None:
