@@ -374,14 +374,3 @@ def test_clutch_by_command(scene):
             pass
         assert "FAIL" in command(3, '<Command Name="Clutch" Tool="Probe" Open="perhaps" />')
         assert frames_of("ToolToTracker") == ("Tool", "Tracker")
-
-
-def test_names_that_clients_choose_are_bounded_and_a_refused_pose_owns_nothing():
-    tracking = ToolTracking(CoordinateFrames(ScannerNames()))
-    assert not tracking.wants("ProbeToImage") and not tracking.wants("ImageToProbe"), "the simulator's own"
-    with pytest.raises(ValueError, match="NeedleToReference"):
-        tracking.take("NeedleToReference", np.full((4, 4), np.nan), source="rude")
-    tracking.take("NeedleToReference", turned(1), source="plus")  # nobody else has it
-    with pytest.raises(ValueError, match="one transform more than the 64 that are followed"):
-        for number in range(100):
-            tracking.take(f"NeedleToPlace{number}", turned(number), source="rude")

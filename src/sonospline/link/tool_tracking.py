@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 
@@ -22,7 +23,7 @@ NEEDLE, PROBE = "needle", "probe"
 OWNED_S = 2.0
 """How long a transform stays with the sender that gave it last."""
 _MOST_NAMES = 64
-"""Of transforms, which clients choose."""
+"""Of transforms, which clients choose; those of the tools themselves and of trackers that are set up come besides."""
 
 
 class ToolTracking:
@@ -111,18 +112,21 @@ class ToolTracking:
         Raises
         ------
         ValueError
-            Not rigid, somebody else's, or in contradiction to what is known.
+            Not rigid, somebody else's, in contradiction to what is known, or one more than are followed.
         """
         now = self._clock()
         pose = rigid(name, matrix) if seen else None
         with self._lock:
-            if name not in self._owners and len(self._owners) >= _MOST_NAMES:
-                raise ValueError(f"{name} is one transform more than the {_MOST_NAMES} that are followed; give fewer")
+            self._refuse_second(name, source, now)
+            given_up = self._in_place_of(name, source, now)
+            if pose is not None:
+                self._known.set(name, pose)
+            if given_up is not None:
+                self._forget(given_up)
             self._own(name, source, now)
             if pose is None:
                 self._unseen.add(name)
                 return
-            self._known.set(name, pose)
             self._unseen.discard(name)
             measured = self._clocks.setdefault(source, StampClock()).measured(stamp_s, now)
             self._tracks.setdefault(name, PoseTrack()).add(pose, measured - self._latency.get(source, 0.0))
@@ -162,14 +166,43 @@ class ToolTracking:
         with self._lock:
             return self._known.copy()
 
-    def _own(self, name: str, source: str, now: float) -> None:
+    def _refuse_second(self, name: str, source: str, now: float) -> None:
         fixed = self._fixed.get(name)
         if fixed not in (None, source):
             raise ValueError(f"{source} comes second, {fixed} is the source of {name}")
         owner, since = self._owners.get(name, (source, 0.0))
         if owner != source and now - since < OWNED_S:
             raise ValueError(f"{source} comes second, {name} is in the hand of {owner}")
+
+    def _in_place_of(self, name: str, source: str, now: float) -> str | None:
+        """The transform that a new one takes the place of: of whoever has most, the one not given for longest."""
+        exempt = self._fixed.keys() | {each for devices in self._devices.values() for each in devices}
+        chosen = {each: owned for each, owned in self._owners.items() if each not in exempt}
+        if name in self._owners or name in exempt or len(chosen) < _MOST_NAMES:
+            return None
+        counts = Counter(owner for owner, _ in chosen.values())
+        found = max(chosen, key=lambda each: (counts[chosen[each][0]], now - chosen[each][1]))
+        owner, since = chosen[found]
+        if counts[source] >= counts[owner] and now - since < OWNED_S:
+            raise ValueError(f"{name} is one transform more than the {_MOST_NAMES} that are followed; give fewer")
+        return found
+
+    def _own(self, name: str, source: str, now: float) -> None:
+        before, _ = self._owners.get(name, (source, now))
         self._owners[name] = (source, now)
+        self._forget_clock(before)
+
+    def _forget(self, name: str) -> None:
+        owner, _ = self._owners.pop(name)
+        self._known.forget(name)
+        self._tracks.pop(name, None)
+        self._unseen.discard(name)
+        self._forget_clock(owner)
+
+    def _forget_clock(self, source: str) -> None:
+        """Forget the clock of who gives nothing any more."""
+        if all(owner != source for owner, _ in self._owners.values()):
+            self._clocks.pop(source, None)
 
     def _tool(self, tool: str) -> Array | None:
         source, target = self._ways[tool]

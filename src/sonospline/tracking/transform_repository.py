@@ -74,6 +74,15 @@ class TransformRepository:
         self._to.setdefault(source, {})[target] = transform
         self._to.setdefault(target, {})[source] = np.linalg.inv(transform)
 
+    def forget(self, name: str) -> None:
+        """Forget a transform that was given; nothing where it was not."""
+        source, target = frames_of(name)
+        for one, other in ((source, target), (target, source)):
+            others = self._to.get(one, {})
+            others.pop(other, None)
+            if not others:
+                self._to.pop(one, None)
+
     def get(self, name: str) -> Array:
         """Return a transform, (4, 4); ValueError where no way leads from the one system to the other."""
         source, target = frames_of(name)
