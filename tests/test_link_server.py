@@ -219,6 +219,26 @@ def test_bad_messages_are_skipped_with_one_line(server, caplog):
     assert len([record for record in caplog.records if "refused" in record.message]) == 1
 
 
+def test_who_comes_again_and_again_has_one_line_and_so_has_what_fails_here(caplog):
+    def receive(message, client):
+        raise RuntimeError("no")
+
+    unknown = struct.pack(">H12s20sQQQ", 1, b"NOVELTY", b"x", 0, 0, 0)
+    with LinkServer(port=0, receive=receive, clients=1) as server:
+        for _ in range(10):
+            assert eventually(lambda: not server.clients)
+            with LinkClient(server.port) as client:
+                client.socket.sendall(unknown)
+                client.send(igtl.Transform(POSE), "fail")
+                client.send(igtl.Get("STATUS"), "me")
+                client.wait_for("STATUS", "me")
+                with LinkClient(server.port) as second:
+                    assert second.is_hung_up_on()
+    refused, failed = caplog.records
+    assert "refused" in refused.message and refused.exc_info is None
+    assert "was not taken: no" in failed.message and failed.exc_info is not None
+
+
 def test_a_client_that_announces_too_much_is_hung_up_on(server):
     with LinkClient(server.port) as client, LinkClient(server.port) as other:
         joined(server, 2)

@@ -7,10 +7,13 @@ import threading
 import time
 
 LINES_APART_S = 60.0
+_MOST_REMEMBERED = 256
 
 
 class Seldom:
     """Says a line in a log, one a minute at most, and with it how many were left out before; from any thread.
+
+    Where lines are about several (hosts, for example), each has its own minute; the last 256 are remembered.
 
     Parameters
     ----------
@@ -30,16 +33,22 @@ class Seldom:
 
     def __init__(self, logger: logging.Logger, apart_s: float = LINES_APART_S) -> None:
         self._logger, self._apart_s, self._lock = logger, apart_s, threading.Lock()
-        self._last = -apart_s
-        self.left_out = 0
-        """Lines since the last one that was said."""
+        self._last: dict[str, tuple[float, int]] = {}
 
-    def say(self, line: str) -> None:
-        """Say a line as a warning, or count it."""
+    def say(self, line: str, *, about: str = "", error: BaseException | None = None) -> None:
+        """Say a line as a warning, with an error's traceback where one is given; or count it."""
         now = time.monotonic()
         with self._lock:
-            if now - self._last < self._apart_s:
-                self.left_out += 1
-                return
-            self._last, left_out, self.left_out = now, self.left_out, 0
-        self._logger.warning("%s%s", line, f" ({left_out} more since the last such line)" if left_out else "")
+            last, left_out = self._last.pop(about, (-self._apart_s, 0))
+            due = now - last >= self._apart_s
+            self._last[about] = (now, 0) if due else (last, left_out + 1)
+            if len(self._last) > _MOST_REMEMBERED:
+                del self._last[next(iter(self._last))]
+        if due:
+            more = f" ({left_out} more since the last such line)" if left_out else ""
+            self._logger.warning("%s%s", line, more, exc_info=error)
+
+    @property
+    def left_out(self) -> int:
+        """Lines since the last ones that were said."""
+        return sum(left_out for _, left_out in self._last.values())

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 from contextlib import suppress
 from typing import NamedTuple, Protocol, cast
 
 from .. import igtl
-from .._seldom import Seldom
 from .outbox import SENDER, Outbox, Outgoing, lost_notice
-
-logger = logging.getLogger(__name__)
 
 PATIENCE_S = 5.0
 """How long a client may read nothing while something waits for it, and take for one message of its own."""
@@ -64,6 +60,10 @@ class Host(Protocol):
         """Take a message of a client."""
         ...
 
+    def warn(self, connection: Connection, line: str) -> None:
+        """Say in the log what a client did, seldom enough."""
+        ...
+
 
 class Connection(asyncio.Protocol):
     """One client. All of it happens in the thread of the server's loop; nothing in it waits."""
@@ -79,16 +79,15 @@ class Connection(asyncio.Protocol):
         self._unfinished: asyncio.TimerHandle | None = None
         self._waits_for = 0
         self._second, self._in_second = 0.0, 0
-        self._seldom = Seldom(logger)
         self._version, self._sent, self._received, self._refused, self._lost = 1, 0, 0, 0, 0
-        self._address, self.last_sent = "?", time.monotonic()
+        self.host, self._address, self.last_sent = "?", "?", time.monotonic()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Greet a client, or send it away."""
         self._transport = cast(asyncio.Transport, transport)
         self._transport.set_write_buffer_limits(high=_BUFFERED)
-        host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
-        self._address = f"{host}:{port}"
+        self.host, port, *_ = transport.get_extra_info("peername") or ("?", 0)
+        self._address = f"{self.host}:{port}"
         if not self._host.joined(self):
             self._write(Outgoing(igtl.Message(igtl.Status(11, "too many clients", "Full"), SENDER)))
             self._transport.close()
@@ -135,7 +134,7 @@ class Connection(asyncio.Protocol):
 
     def abort(self, why: str) -> None:
         """End the connection."""
-        logger.warning("%s: %s: hung up", self._address, why)
+        self._host.warn(self, f"{why}: hung up")
         self._transport.abort()
 
     # --- out
@@ -176,7 +175,7 @@ class Connection(asyncio.Protocol):
         while self._outbox and not (self._paused or self._transport.is_closing()):
             if lost := self._outbox.said_lost():
                 self._lost += lost
-                logger.warning("%s: %d messages were lost: it reads too slowly", self._address, lost)
+                self._host.warn(self, f"{lost} messages were lost: it reads too slowly")
                 self._write(lost_notice(lost))
             self._write(self._outbox.take())
 
@@ -269,7 +268,7 @@ class Connection(asyncio.Protocol):
 
     def _refuse(self, line: str) -> None:
         self._refused += 1
-        self._seldom.say(f"{self._address}: refused: {line}")
+        self._host.warn(self, f"refused: {line}")
 
     def __repr__(self) -> str:
         return f"Connection({self._address}, header version {self._version})"

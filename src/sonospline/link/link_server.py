@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 
 from .. import _validate, igtl
+from .._seldom import Seldom
 from .link_connection import MOST_MESSAGES_S, PATIENCE_S, ClientInfo, Connection, Limits
 from .outbox import SENDER, Outbox, Outgoing, lost_notice
 
@@ -111,6 +112,7 @@ class LinkServer:
         self._joining: set[asyncio.Task[object]] = set()
         self._loop, self._ending = asyncio.new_event_loop(), asyncio.Event()
         self._closed = False
+        self._seldom, self._failures = Seldom(logger), Seldom(logger)
         self._thread = threading.Thread(target=self._run, name=f"link {host}:{self.port}", daemon=True)
         self._thread.start()
 
@@ -152,7 +154,7 @@ class LinkServer:
     def joined(self, connection: Connection) -> bool:
         """Take a new client; False where there are too many."""
         if len(self._connections) >= self._most:
-            logger.warning("%s came, and %d clients are connected already: sent away", connection, self._most)
+            self.warn(connection, f"sent away: {self._most} clients are connected already")
             return False
         self._connections = (*self._connections, connection)
         if self._greet is not None:
@@ -168,10 +170,14 @@ class LinkServer:
         try:
             answers = self._answers(connection, message)
         except Exception as error:  # of whoever receives: the link goes on
-            logger.error("%s: %r was not taken: %s", connection, message, error, exc_info=error)
+            self._failures.say(f"{connection}: {message!r} was not taken: {error}", error=error)
             return
         for answer in answers:
             connection.answer(Outgoing(answer))
+
+    def warn(self, connection: Connection, line: str) -> None:
+        """Say in the log what a client did: one line a minute for each host, however often it comes again."""
+        self._seldom.say(f"{connection.info.address}: {line}", about=connection.host)
 
     # --- the loop's thread
 
@@ -202,7 +208,7 @@ class LinkServer:
         except (BlockingIOError, InterruptedError, ConnectionAbortedError):
             return
         except OSError as error:  # of too many open files, which would come again at once
-            logger.error("a client cannot be taken: %s", error.strerror)
+            self._failures.say(f"a client cannot be taken: {error.strerror}")
             self._loop.remove_reader(self._socket)
             self._loop.call_later(_PAUSE_S, self._accept_again)
             return
@@ -223,7 +229,7 @@ class LinkServer:
             messages = list(self._inbox)
             lost = self._inbox.said_lost()
         if lost:
-            logger.warning("%d messages were lost before they were sent: they are published too fast", lost)
+            self._failures.say(f"{lost} messages were lost before they were sent: they are published too fast")
             messages.insert(0, lost_notice(lost))
         for message in messages:
             self._keep(message)

@@ -66,7 +66,7 @@ class LinkClient:
         first = igtl.Message(igtl.Get("STATUS"), "", igtl.now())
         self._hello = b"".join(igtl.encode(message, version) for message in (first, *says))
         self._reads = None if reads is None else frozenset(reads)
-        self._ending, self._seldom = threading.Event(), Seldom(logger)
+        self._ending, self._seldom, self._failures = threading.Event(), Seldom(logger), Seldom(logger)
         self.connected = False
         """Whether the server is there."""
         self.received = 0
@@ -126,6 +126,6 @@ class LinkClient:
         except ValueError as error:
             self._seldom.say(f"{self.host}:{self.port}: refused: {error}")
         except Exception as error:  # of whoever receives: the link goes on
-            logger.error("%s:%d: %r was not taken", self.host, self.port, header.device, exc_info=error)
+            self._failures.say(f"{self.host}:{self.port}: {header.device!r} was not taken: {error}", error=error)
         else:
             self.received += 1
