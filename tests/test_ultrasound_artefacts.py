@@ -192,6 +192,15 @@ def test_a_flat_reflector_is_seen_again_at_multiples_of_its_distance():
     assert over_bone(0, None)[1] < -60
 
 
+def test_multiples_of_what_is_too_deep_to_come_again_overflow_nothing():
+    probe = Probe.linear(frequency_mhz=20, depth_mm=250, lines=16, aperture_mm=4)
+    phantom = Phantom.uniform("gel", size_mm=(8, 4, 20))
+    pose = facing((4, 2, 1), depth=(0, 0, 1), right=(1, 0, 0))
+    with np.errstate(over="raise", invalid="raise"):
+        image = Scanner(phantom, probe, pose, artefacts=replace(NONE, multiples_db=-12.0)).render()
+    assert np.isfinite(image.iq).all()
+
+
 def lit_point(probe, depth_mm, grating_db):
     """Beams over nothing but the tip of a short needle on the middle beam."""
     phantom = Phantom.uniform(OIL, size_mm=(140, 30, probe.depth_mm + 8))
@@ -234,16 +243,19 @@ def test_haze_lies_under_the_face_alone():
 def test_every_instruction_set_agrees_with_the_twin_with_all_parts_on(probe, native, monkeypatch):
     voxels = np.zeros((70, 30, 60), np.uint8)
     voxels[:, :, 20:40], voxels[30:, :, 40:], voxels[20:30, :, 10:18] = 1, 2, 3
-    names = {0: "liver", 1: "muscle", 2: "urine", 3: "blood"}
-    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), names)
     pose = facing((35, 18, 1), depth=(0.2, 0.1, 1), right=(1, 0.3, 0))
+    x, y, z = ((np.indices(voxels.shape).T * (1, 1.2, 1.1) - pose[:3, 3]) @ pose[:3, :3]).T
+    voxels[(abs(x - 4) < 6) & (abs(y - 13 - ((x - 4) ** 2 + z**2) / 120) < 2)] = 4  # square to a beam, in every image
+    names = {0: "liver", 1: "muscle", 2: "urine", 3: "blood", 4: "bone"}
+    phantom = Phantom(Volume(voxels=voxels, spacing=(1, 1.2, 1.1)), names)
     field, needle = a_field((70, 36, 66)), ss.Needle((60, 15, 10), (40, 18, 40))
 
-    def image(back_end):
+    def image(back_end, **changed):
         monkeypatch.setattr(_core, "active", back_end)
-        return Scanner(phantom, probe, pose, artefacts=Artefacts()).render(field, needle, frame=1)
+        return Scanner(phantom, probe, pose, artefacts=Artefacts(**changed)).render(field, needle, frame=1)
 
     expected = image(_core.twin)
+    assert (expected.beams != image(_core.twin, multiples_db=None).beams).sum() > 40
     weight = 1 / np.sqrt(expected.optics.speckle_power)
     rms = np.sqrt(np.mean(np.abs(expected.iq * weight) ** 2))
     for name in INSTRUCTION_SETS:

@@ -72,11 +72,13 @@ def add_clutter(
 
 def _repeat(line: Beams, unit: Floats, loudness: Floats, again: float) -> Beams:
     """Echoes of a line from what is loud in it, again and again: what is largest of three runs, and 4 at most."""
-    over = (np.square(line.real) + np.square(line.imag)) * loudness
+    half = -(-len(line) // (2 * _RUN))  # runs: what lies deeper comes again beyond the last sample
+    near = slice(_RUN * (half + 1))
+    over = (np.square(line[near].real) + np.square(line[near].imag)) * loudness[near]
     over[:_RUN] = 0
     runs = over.reshape(-1, _RUN)
     most = np.pad(runs.max(axis=1), 1)
-    found = (most[1:-1] > 1) & (most[1:-1] >= most[:-2]) & (most[1:-1] > most[2:])
+    found = ((most[1:-1] > 1) & (most[1:-1] >= most[:-2]) & (most[1:-1] > most[2:]))[:half]
     heard = [_RUN * run + int(runs[run].argmax()) for run in np.flatnonzero(found)[:_MOST_REPEATS]]
     sizes = [again / unit[at] * min(1.0, (over[at] - 1) / 3) * line[at] for at in heard]
     out = line.copy()

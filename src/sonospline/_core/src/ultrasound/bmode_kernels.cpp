@@ -130,7 +130,8 @@ void repeat(const float *unit, const float *loudness, float again, std::size_t s
     struct { std::size_t at; float re, im; } heard[kMostRepeats];
     Peak before{0, 0}, here{0, 0};
     int count = 0;
-    for (std::size_t run = kTailRun; run <= samples && count < kMostRepeats; run += kTailRun) {
+    // what lies beyond half of the samples comes again beyond all of them
+    for (std::size_t run = kTailRun; run < samples / 2 + kTailRun && count < kMostRepeats; run += kTailRun) {
         const Peak next = run < samples ? largest(s, loudness, run) : Peak{run, 0};
         if (here.over > 1 && here.over >= before.over && here.over > next.over) {
             const float size = again / unit[here.at] * std::min(1.0f, (here.over - 1) / 3);  // fades in
