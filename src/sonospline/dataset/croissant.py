@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .layout import TABLE
+from .layout import table_name
 from .reader import DataSet
+from .shard import Receipt
 from .table_form import COLUMNS, RECIPE_COLUMNS, is_list, is_real, is_whole
 
 _CONTEXT = {
@@ -16,6 +17,7 @@ _CONTEXT = {
     "fileObject": "cr:fileObject", "fileSet": "cr:fileSet", "includes": "cr:includes", "recordSet": "cr:recordSet",
     "repeated": "cr:repeated", "source": "cr:source",
 }  # fmt: skip
+_PARQUET = "application/x-parquet"
 
 
 def croissant(data: DataSet) -> dict[str, Any]:
@@ -24,20 +26,29 @@ def croissant(data: DataSet) -> dict[str, Any]:
     Source: Croissant format specification 1.0, MLCommons.
     """
     held = data.manifest
+    receipts = [Receipt.of(shard) for shard in held["shards"]]
+    tables = [_file(table_name(one.shard), *one.files[table_name(one.shard)]) for one in receipts]
     columns = RECIPE_COLUMNS if data.form == "recipe" else COLUMNS
     return {
         "@context": _CONTEXT, "@type": "sc:Dataset", "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": held["name"], "description": held["description"] or "Synthetic needle insertions under ultrasound.",
         "license": held["licence"], "version": "1.0.0",
         "distribution": [
-            {"@type": "cr:FileObject", "@id": "folder", "name": "folder", "contentUrl": ".",
-             "encodingFormat": "inode/directory", "sha256": held["hash"]},
-            {"@type": "cr:FileSet", "@id": "table", "name": "table", "containedIn": {"@id": "folder"},
-             "encodingFormat": "application/x-parquet", "includes": f"{TABLE}/*.parquet"},
+            *tables,
+            {"@type": "cr:FileSet", "@id": "table", "name": "table", "encodingFormat": _PARQUET,
+             "containedIn": [{"@id": one["@id"]} for one in tables], "includes": "*.parquet"},
         ],
         "recordSet": [
             {"@type": "cr:RecordSet", "@id": "samples", "name": "samples", "field": [_field(name) for name in columns]}
         ],
+    }  # fmt: skip
+
+
+def _file(name: str, sha256: str, size: int) -> dict[str, Any]:
+    """A part of the table."""
+    return {
+        "@type": "cr:FileObject", "@id": name, "name": name, "contentUrl": name, "contentSize": f"{size} B",
+        "encodingFormat": _PARQUET, "sha256": sha256,
     }  # fmt: skip
 
 
