@@ -88,6 +88,13 @@ def test_slices_of_a_series_count_however_it_is_named_and_others_beside_all_fram
     assert [one == two for one, two in zip(before, hashes(), strict=True)] == [False, False, True]
 
 
+def test_the_folder_of_a_specification_goes_with_it_and_another_one_changes_none(asked, tmp_path):
+    assert pickle.loads(pickle.dumps(asked)).folder == asked.folder == tmp_path
+    other = asked.seen_from(tmp_path / "elsewhere")
+    assert other == asked and other.digest == asked.digest
+    assert (other.folder, asked.folder) == (tmp_path / "elsewhere", tmp_path)
+
+
 def test_a_file_that_changes_is_read_again(asked):
     origin = Plan(asked).origins[0]
     before = source(asked, origin)
@@ -147,11 +154,10 @@ def test_samples_of_scenes_and_of_label_maps_are_made_and_made_again(kind, asked
         asked = Specification.parse(SMALL.replace(BLOCK, '[[sources]]\nkind = "scene"\nscene = "gel"'))
     assert make_dataset(asked, tmp_path / "out").failed == {}
     data = DataSet(tmp_path / "out")
-    data.specification.__dict__["folder"] = asked.folder
     hashes = {source(asked, origin).hash for origin in Plan(asked).origins}
     assert {row["source"] for row in data.rows()} <= hashes
     assert all(data.shard(number)["image"].any() for number in range(3))
-    assert not check(data, remade=2).problems
+    assert not check(data, remade=2, folder=asked.folder).problems
 
 
 @pytest.mark.parametrize("scene", ["kidney", "kidney-wide"])

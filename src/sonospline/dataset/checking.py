@@ -15,6 +15,7 @@ from .reader import DataSet
 from .recipe import Recipe
 from .sample import World
 from .shard import Receipt, check_worker
+from .specification import Specification
 
 Progress = Callable[[int, int], None]
 
@@ -61,9 +62,8 @@ def check(
             found.files += 1
             tell(found.files, total)
     if indices and not found.problems:
-        if folder is not None:
-            data.specification.__dict__["folder"] = folder
-        for problem in _remade(data, indices):
+        asked = data.specification if folder is None else data.specification.seen_from(folder)
+        for problem in _remade(data, asked, indices):
             found.remade += 1
             found.problems += problem
             tell(found.files + found.remade, total)
@@ -96,10 +96,10 @@ def _chosen(data: DataSet, count: int, seed: int) -> list[int]:
     return sorted(int(index) for index in random.choice(known, min(count, len(known)), replace=False)) if known else []
 
 
-def _remade(data: DataSet, indices: list[int]) -> Iterator[list[str]]:
+def _remade(data: DataSet, asked: Specification, indices: list[int]) -> Iterator[list[str]]:
     """For each of some samples, what differs when it is made again."""
     check_worker(data.manifest["made_by"], who="this machine")
-    plan, rows = Plan(data.specification), {}
+    plan, rows = Plan(asked), {}
     wanted = set(indices)
     for row in data.rows(columns=["recipe"]):
         if row["index"] in wanted:

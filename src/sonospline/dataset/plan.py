@@ -66,10 +66,9 @@ class Plan:
         return drawn_recipe(self.asked, self.anatomy(index // self.asked.anatomy.samples), index)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"asked": self.asked, "given": self.origins, "folder": self.asked.folder}
+        return {"asked": self.asked, "given": self.origins}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        state["asked"].__dict__["folder"] = state.pop("folder")
         self.__init__(**state)  # type: ignore[misc]
 
     def split(self, index: int) -> str:

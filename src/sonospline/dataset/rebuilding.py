@@ -44,6 +44,5 @@ def rebuild(
     if not settings.get("scheduler") and settings.get("client") is None:
         check_worker(data.manifest["made_by"], who="this machine")
     asked = replace(data.specification, storage=replace(data.specification.storage, form=form))
-    if folder is not None:
-        asked.__dict__["folder"] = folder
-    return make_dataset(asked, out, recipes=data.store, **settings)
+    seen = asked.seen_from(data.specification.folder if folder is None else folder)
+    return make_dataset(seen, out, recipes=data.store, **settings)

@@ -223,13 +223,19 @@ class Specification(Record, frozen=True, kw_only=True, dict=True):
     def read(cls, path: str | Path) -> Specification:
         """Read a specification; files that it names are seen from its folder."""
         asked = cls.parse(read_text(path, "specification", "a TOML file"), file=Path(path).name)
-        asked.__dict__["folder"] = Path(path).resolve().parent
-        return asked
+        return asked.seen_from(Path(path).resolve().parent)
 
     @cached_property
     def folder(self) -> Path:
         """Where the files it names are seen from."""
         return Path.cwd()
+
+    def seen_from(self, folder: Path) -> Specification:
+        """Return the same, the files that it names seen from a folder."""
+        return _seen_from(folder, {name: getattr(self, name) for name in self.__struct_fields__})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _seen_from, (self.folder, {name: getattr(self, name) for name in self.__struct_fields__})
 
     @property
     def anatomies(self) -> int:
@@ -255,6 +261,12 @@ class Specification(Record, frozen=True, kw_only=True, dict=True):
     def digest(self) -> str:
         """A short text that equal specifications share, wherever their files are."""
         return digest(msgspec.json.encode(self, order="sorted").decode())
+
+
+def _seen_from(folder: Path, held: dict[str, Any]) -> Specification:
+    asked = Specification(**held)
+    asked.__dict__["folder"] = folder
+    return asked
 
 
 def specification_schema() -> dict[str, Any]:
