@@ -193,8 +193,9 @@ def test_an_edited_shard_is_found(made, tmp_path):
     file = tmp_path / "arrays/image/c/1/0/0"
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     (tmp_path / "table/part-000000.parquet").unlink()
-    problems = check(DataSet(tmp_path)).problems
-    assert [problem.partition(";")[0] for problem in problems] == [
+    found = check(DataSet(tmp_path))
+    assert found.damaged == [0, 1]
+    assert [problem.partition(";")[0] for problem in found.problems] == [
         "shard 0: table/part-000000.parquet is gone",
         "shard 1: arrays/image/c/1/0/0 is not what manifest.json says",
     ]

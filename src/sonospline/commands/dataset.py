@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..dataset.checking import check, damaged_shards
+from ..dataset.checking import check
 from ..dataset.factory import make_dataset
 from ..dataset.layout import receipt_name
 from ..dataset.reader import DataSet
@@ -121,7 +121,7 @@ def _check(args: argparse.Namespace) -> dict[str, Any]:
     with bar("checking", quiet=args.quiet) as progress:
         found = check(data, remade=args.remake, seed=args.seed, folder=args.files, progress=progress)
     report = {"files": found.files, "remade": found.remade, "problems": found.problems}
-    shards = damaged_shards(data) if args.repair and found.problems else []
+    shards = found.damaged if args.repair else []
     for shard in shards:
         data.store.remove(receipt_name(shard))
     if shards:

@@ -27,6 +27,8 @@ class Checked:
     files: int = 0
     remade: int = 0
     problems: list[str] = field(default_factory=list)
+    damaged: list[int] = field(default_factory=list)
+    """Shards of which a file is gone or is not what the manifest says."""
 
 
 def check(
@@ -57,10 +59,13 @@ def check(
     total, found = sum(len(receipt.files) for receipt in receipts) + len(indices), Checked()
     tell = progress or (lambda done, of: None)
     for receipt in receipts:
+        before = len(found.problems)
         for name, (known, _) in receipt.files.items():
             found.problems += _problem(data, receipt.shard, name, known)
             found.files += 1
             tell(found.files, total)
+        if len(found.problems) > before:
+            found.damaged.append(receipt.shard)
     if indices and not found.problems:
         asked = data.specification if folder is None else data.specification.seen_from(folder)
         for problem in _remade(data, asked, indices):
@@ -68,16 +73,6 @@ def check(
             found.problems += problem
             tell(found.files + found.remade, total)
     return found
-
-
-def damaged_shards(data: DataSet) -> list[int]:
-    """Return the shards of which a file is gone or is not what the manifest says."""
-    receipts = [Receipt.of(held) for held in data.manifest["shards"]]
-    return [
-        receipt.shard
-        for receipt in receipts
-        if any(_problem(data, receipt.shard, name, known) for name, (known, _) in receipt.files.items())
-    ]
 
 
 def _problem(data: DataSet, shard: int, name: str, known: str) -> list[str]:
