@@ -14,7 +14,7 @@ from sonospline.dataset.checking import check
 from sonospline.dataset.provenance import provenance
 from sonospline.dataset.recipe import UnplaceableError
 from sonospline.dataset.shard import Job, WorkerError, make_shard
-from sonospline.dataset.source import Origin, source
+from sonospline.dataset.source import Origin, WarpedSource, source
 from sonospline.dataset.source_files import hash_of
 from sonospline.dataset.store import store_at
 from sonospline.simulator.scene_file import SceneFile
@@ -47,8 +47,8 @@ def asked(tmp_path):
 
 def job_of(asked, place):
     plan = Plan(asked)
-    sources = {origin: source(asked, origin).hash for origin in plan.origins}
-    return Job(plan=plan, place=store_at(place), labels=plan.labels(), sources=sources, made_by=provenance())
+    labels, sources = plan.labels_and_hashes()
+    return Job(plan=plan, place=store_at(place), labels=labels, sources=sources, made_by=provenance())
 
 
 def test_every_file_of_a_scene_counts_and_no_name_does(tmp_path):
@@ -101,6 +101,19 @@ def test_a_file_that_changes_is_read_again(asked):
     assert source(asked, origin) is before
     (asked.folder / "maps/Jane_Doe.csv").write_text("label,name\n1,fat\n2,liver\n")
     assert "fat" in source(asked, origin).names.values()
+
+
+def test_sources_are_read_once_before_the_first_sample(asked, tmp_path, monkeypatch):
+    """However many there are: only the last ones are kept."""
+    for number in range(4):
+        write_map(asked.folder / "maps", f"Patient_{number}", 2 + number % 2)
+    read, of = [], WarpedSource.of
+    monkeypatch.setattr(WarpedSource, "of", lambda *scene: read.append(scene) or of(*scene))
+    monkeypatch.setattr(Plan, "check", lambda plan: None)
+    monkeypatch.setattr("sonospline.dataset.factory._made", lambda job, missing, at: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        make_dataset(asked, tmp_path / "out")
+    assert len(read) == 6
 
 
 def test_a_worker_that_reads_another_label_map_or_none_is_refused(asked, tmp_path):

@@ -17,7 +17,7 @@ from .layout import PLAN, receipt_name
 from .plan import Plan
 from .provenance import Provenance, difference, provenance
 from .shard import Job, Receipt, WorkerError, make_shard
-from .source import Origin, source
+from .source import Origin
 from .specification import Specification
 from .store import Store, store_at
 
@@ -108,13 +108,12 @@ def make_dataset(
     (4, 4, {})
     """
     plan = Plan(asked)
-    labels = plan.labels()
+    labels, sources = plan.labels_and_hashes()
     plan.check()
     place = store_at(out, options)
     say = say or (lambda text: None)
     with _client(client, workers, scheduler, say) as at:
         made_by = provenance() if at is None else made_on(at)
-        sources = {origin: source(asked, origin).hash for origin in plan.origins}
         if recipes is not None:
             _check_recipes(recipes, sources, made_by)
         _claim(place, plan, labels, sources, made_by)

@@ -90,10 +90,24 @@ class Plan:
         ValueError
             More than 255 tissues, or a source that cannot be read.
         """
-        names = sorted({name for origin in self.origins for name in tissue_names(source(self.asked, origin))})
-        if len(names) > MOST_LABELS:
-            raise ValueError(f"sources have {len(names)} tissues, and label images hold {MOST_LABELS}; give fewer")
-        return {name: number for number, name in enumerate(names, 1)}
+        return self.labels_and_hashes()[0]
+
+    def labels_and_hashes(self) -> tuple[dict[str, int], dict[Origin, str]]:
+        """Return :meth:`labels` and the hash of every source, each read once.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`labels`.
+        """
+        hashes, found = dict[Origin, str](), set[str]()
+        for origin in self.origins:
+            read = source(self.asked, origin)
+            hashes[origin] = read.hash
+            found |= tissue_names(read)
+        if len(found) > MOST_LABELS:
+            raise ValueError(f"sources have {len(found)} tissues, and label images hold {MOST_LABELS}; give fewer")
+        return {name: number for number, name in enumerate(sorted(found), 1)}, hashes
 
     def check(self) -> None:
         """Draw some samples, spread over all; ValueError where the ranges leave the tissue for many of them."""
