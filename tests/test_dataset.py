@@ -201,14 +201,6 @@ def test_an_edited_shard_is_found(made, tmp_path):
     ]
 
 
-def test_croissant_knows_the_files_of_the_table_by_their_hashes(made):
-    *files, table = json.loads(made.store.read("croissant.json"))["distribution"]
-    assert {one["contentUrl"]: one["sha256"] for one in files} == {
-        name: hashlib.sha256(made.store.read(name)).hexdigest() for name in made.store.names("table")
-    }
-    assert [one["@id"] for one in table["containedIn"]] == [one["@id"] for one in files]
-
-
 def test_a_repair_that_mends_nothing_says_so(made, monkeypatch, capsys):
     differs = Checked(remade=1, problems=["sample 3: image come out otherwise than stored"])
     monkeypatch.setattr("sonospline.commands.dataset.check", lambda *_, **__: differs)

@@ -13,7 +13,7 @@ from typing import Any
 from .._digest import digest
 from .cluster import cluster, made_on
 from .finish import finish
-from .layout import PLAN, receipt_name
+from .layout import FORMAT, FORMAT_VERSION, PLAN, read_described, receipt_name
 from .plan import Plan
 from .provenance import Provenance, difference, provenance
 from .shard import Job, Receipt, WorkerError, make_shard
@@ -26,8 +26,6 @@ Progress = Callable[[int, int, int], None]
 
 _ENOUGH = 4
 """Shards without a single sample that end a run."""
-
-FORMAT, FORMAT_VERSION = "sonospline data set", 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +175,7 @@ def _made(job: Job, missing: list[int], client: Any) -> Iterable[Receipt]:
 
 def _check_recipes(recipes: Store, sources: Mapping[Origin, str], made_by: Provenance) -> None:
     """Raise where samples would come out otherwise than those that recipes were drawn for."""
-    drawn = read_plan(recipes)
+    drawn = _read_plan(recipes)
     differs = difference(drawn["made_by"], made_by)
     if differs:
         raise WorkerError(f"samples would come out otherwise than the recipes': {differs}; make them with the same")
@@ -201,7 +199,7 @@ def _claim(
             raise ValueError(f"out = {place.address!r} holds other files; give a new folder, or one of this data set")
         place.write(PLAN, json.dumps(asked, indent=1, sort_keys=True).encode())
         return
-    found = read_plan(place)
+    found = _read_plan(place)
     if found["digest"] != asked["digest"]:
         raise ValueError(f"out = {place.address!r} holds another data set; give a new folder, or its specification")
     if found["sources"] != asked["sources"]:
@@ -211,22 +209,8 @@ def _claim(
         raise ValueError(f"out = {place.address!r} was begun elsewhere: here {differs}; go on there, or begin anew")
 
 
-def read_plan(place: Store) -> dict[str, Any]:
-    """Return the plan of a data set.
-
-    Raises
-    ------
-    ValueError
-        There is none, or it is of a later version.
-    """
-    try:
-        found: dict[str, Any] = json.loads(place.read(PLAN))
-        known = found["format"] == FORMAT and found["format_version"] <= FORMAT_VERSION
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
-        raise ValueError(f"{place.address!r} is no data set: it has no {PLAN}; give a folder that make wrote") from None
-    if not known:
-        raise ValueError(f"{place.address!r} is of a later version; read it with a later Sonospline")
-    return found
+def _read_plan(place: Store) -> dict[str, Any]:
+    return read_described(place, PLAN, f"is no data set: it has no {PLAN}; give a folder that make wrote")
 
 
 def _beams(plan: Plan) -> tuple[int, int] | None:

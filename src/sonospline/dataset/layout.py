@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,9 +12,41 @@ from numpy.typing import NDArray
 
 from .sample import HUNDREDTH_MM
 from .specification import Specification
+from .store import Store
 
 MANIFEST, PLAN, CARD, CROISSANT = "manifest.json", "plan.json", "README.md", "croissant.json"
+FORMAT, FORMAT_VERSION = "sonospline data set", 1
 ARRAYS, TABLE, RECEIPTS, SHARDS, PICTURES = "arrays", "table", "receipts", "shards", "pictures"
+
+
+def read_described(place: Store, name: str, otherwise: str) -> dict[str, Any]:
+    """Return what the plan or the manifest of a data set holds.
+
+    Parameters
+    ----------
+    place : Store
+        Where the data set is.
+    name : {PLAN, MANIFEST}
+        Which.
+    otherwise : str
+        What to say of a place that has none.
+
+    Raises
+    ------
+    ValueError
+        There is none, or it is of a later version.
+    """
+    try:
+        found: dict[str, Any] = json.loads(place.read(name))
+        version = found["format_version"] if found["format"] == FORMAT else None
+        later = None if version is None else version > FORMAT_VERSION
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        later = None
+    if later is None:
+        raise ValueError(f"{place.address!r} {otherwise}")
+    if later:
+        raise ValueError(f"{place.address!r} is of a later version; read it with a later Sonospline")
+    return found
 
 
 def receipt_name(shard: int) -> str:

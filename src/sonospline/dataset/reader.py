@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from .. import _validate
 from .._extras import require
 from .._shown import shown
-from .layout import ARRAYS, MANIFEST, array_forms, table_name, tar_name
+from .layout import ARRAYS, MANIFEST, array_forms, read_described, table_name, tar_name
 from .plan import SPLITS
 from .specification import Specification
 from .store import Store, store_at
@@ -24,6 +23,7 @@ from .tar_form import read_tar
 Arrays = dict[str, NDArray[Any]]
 
 _KEPT_SHARDS = 2
+_INCOMPLETE = f"is no complete data set: it has no sound {MANIFEST}; make what is missing of it with dataset make"
 
 
 class DataSet:
@@ -60,14 +60,11 @@ class DataSet:
 
     def __init__(self, address: str | os.PathLike[str] | Store, options: dict[str, Any] | None = None) -> None:
         self.store = address if isinstance(address, Store) else store_at(address, options)
+        self.manifest = read_described(self.store, MANIFEST, _INCOMPLETE)
         try:
-            self.manifest: dict[str, Any] = json.loads(self.store.read(MANIFEST))
             self.specification = Specification.parse_table(self.manifest["specification"])
-        except (FileNotFoundError, ValueError, KeyError):
-            raise ValueError(
-                f"{self.store.address!r} is no complete data set: it has no sound {MANIFEST}; make it, or what is "
-                "missing of it, with dataset make"
-            ) from None
+        except (ValueError, KeyError):
+            raise ValueError(f"{self.store.address!r} {_INCOMPLETE}") from None
         beams = self.manifest.get("beams")
         self.forms = {} if self.form == "recipe" else array_forms(self.specification, beams and tuple(beams))
         """What its arrays are, by name."""
