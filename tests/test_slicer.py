@@ -234,7 +234,8 @@ def test_slicers_core_opens_the_scene(session, tmp_path):
 def test_slicers_core_hardens_an_insertion_to_our_images(tmp_path, capsys):
     """The scene of ``insert``: its deformation is SimpleITK's, and makes of image and labels what we have made of them.
 
-    At the deformation's nodes it is the same to the bit; between them 3D Slicer is cubic and ITK linear.
+    At the deformation's nodes it is the same; between them too, once 3D Slicer interpolates as ITK does. It sets every
+    grid that it reads to cubic interpolation, and no file or node of a scene can say otherwise.
     """
     place = {"spacing": (3.0, 3.5, 4.0), "origin": (-20, 30, 10), "direction": turned(8)[:3, :3]}
     draw = np.random.default_rng(3)
@@ -264,6 +265,8 @@ def test_slicers_core_hardens_an_insertion_to_our_images(tmp_path, capsys):
     found = slicer_core.read(tmp_path / "out" / "scene.mrb", from_parent=(lps * points).tolist(), harden=files)
     assert found["unknown"] == []
     assert found["hardened"] == [True, True]
+    assert found["interpolation"] == "Cubic"
+    assert np.linalg.norm(found["from_parent_linearly"] - ours, axis=1).max() < 1e-4
     off = np.linalg.norm(found["from_parent"] - ours, axis=1)
     assert off[:100].max() < 1e-6
     assert np.quantile(off[100:], 0.9) < 0.008

@@ -123,9 +123,13 @@ answer = {
 }
 if "warp" in order:
     answer["warped"] = [warped(point) for point in order["warp"]]
-if "from_parent" in order:
+if "from_parent" in order:  # as the core sets the grid up, and with the interpolation of ITK
     back = scene.GetFirstNodeByClass("vtkMRMLTransformNode").GetTransformFromParent()
+    answer["interpolation"] = back.GetInterpolationModeAsString()
     answer["from_parent"] = [back.TransformPoint(point) for point in order["from_parent"]]
+    back.SetInterpolationModeToLinear()
+    answer["from_parent_linearly"] = [back.TransformPoint(point) for point in order["from_parent"]]
+    back.SetInterpolationModeToCubic()
 if "harden" in order:  # nodes by name, each into a file
     answer["hardened"] = [harden(name, file) for name, file in order["harden"].items()]
 if "save" in order:  # a segmentation as 3D Slicer itself writes it
