@@ -20,8 +20,14 @@ NAMES = st.text("abcdefghijklmnopqrstuvwxyzABCDEFGHIJ0123456789_", min_size=1, m
 """The C++ library ends names with a zero in memory: one of twenty bytes fits on the wire alone."""
 IN_CPP = (
     "TRANSFORM", "POSITION", "IMAGE", "STATUS", "STRING", "CAPABILITY", "SENSOR", "TDATA", "QTDATA", "POINT", "IMGMETA",
-    "LBMETA", "POLYDATA", "STT_", "RTS_",
+    "LBMETA", "POLYDATA", "NDARRAY", "STT_", "RTS_",
 )  # fmt: skip
+QUERIES_IN_CPP = (
+    *map(igtl.Get, ("TRANSFORM", "IMAGE", "STATUS", "CAPABILITY", "IMGMETA", "LBMETA", "POINT", "POLYDATA")),
+    *(igtl.Start(of, 50, "Reference") for of in ("TDATA", "QTDATA")), *map(igtl.Stop, ("TDATA", "QTDATA")),
+    *(igtl.Reply(of, ok) for of in ("TDATA", "QTDATA") for ok in (True, False)),
+)  # fmt: skip
+"""All that it has."""
 
 
 @pytest.fixture(scope="session")
@@ -68,9 +74,8 @@ def drawn(kind, count):
     return found
 
 
-def check_echo(kind, count, program):
+def check_echo(sent, program):
     """Of what we send, the library makes the same again, and the same bytes but where it computes."""
-    sent = drawn(kind, count)
     assert sent
     answer = subprocess.run(
         [program], input=b"".join(map(igtl.encode, sent)), stdout=subprocess.PIPE, check=True, timeout=60
@@ -91,13 +96,18 @@ def check_echo(kind, count, program):
 
 @pytest.mark.parametrize("kind", IN_CPP)
 def test_the_cpp_library_understands_and_repeats(kind, programs):
-    check_echo(kind, 3, igtl_peers.built(igtl_peers.ECHO, programs))
+    check_echo(drawn(kind, 3), igtl_peers.built(igtl_peers.ECHO, programs))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", IN_CPP)
 def test_the_cpp_library_understands_and_repeats_many(kind, programs):
-    check_echo(kind, 15, igtl_peers.built(igtl_peers.ECHO, programs))
+    check_echo(drawn(kind, 15), igtl_peers.built(igtl_peers.ECHO, programs))
+
+
+def test_the_cpp_library_understands_and_repeats_queries(programs):
+    sent = [igtl.Message(query, "Probe", 5 << 32) for query in QUERIES_IN_CPP]
+    check_echo(sent, igtl_peers.built(igtl_peers.ECHO, programs))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@
 #include <igtlImageMetaMessage.h>
 #include <igtlLabelMetaMessage.h>
 #include <igtlMessageHeader.h>
+#include <igtlNDArrayMessage.h>
 #include <igtlPointMessage.h>
 #include <igtlPolyDataMessage.h>
 #include <igtlPositionMessage.h>
@@ -204,6 +205,39 @@ static void copy(StartTrackingDataMessage &in, StartTrackingDataMessage &out) {
 
 static void copy(RTSTrackingDataMessage &in, RTSTrackingDataMessage &out) { out.SetStatus(in.GetStatus()); }
 
+static void copy(StartQuaternionTrackingDataMessage &in, StartQuaternionTrackingDataMessage &out) {
+    out.SetResolution(in.GetResolution());
+    out.SetCoordinateName(in.GetCoordinateName());
+}
+
+static void copy(RTSQuaternionTrackingDataMessage &in, RTSQuaternionTrackingDataMessage &out) {
+    out.SetStatus(in.GetStatus());
+}
+
+template <class Element> static void copy_array(NDArrayMessage &in, NDArrayMessage &out) {
+    static Array<Element> array; // the message keeps its address
+    array.SetSize(in.GetArray()->GetSize());
+    array.SetArray(in.GetArray()->GetRawArray());
+    out.SetArray(in.GetType(), &array);
+}
+
+static void copy(NDArrayMessage &in, NDArrayMessage &out) {
+    switch (in.GetType()) {
+    case NDArrayMessage::TYPE_INT8: return copy_array<igtlInt8>(in, out);
+    case NDArrayMessage::TYPE_UINT8: return copy_array<igtlUint8>(in, out);
+    case NDArrayMessage::TYPE_INT16: return copy_array<igtlInt16>(in, out);
+    case NDArrayMessage::TYPE_UINT16: return copy_array<igtlUint16>(in, out);
+    case NDArrayMessage::TYPE_INT32: return copy_array<igtlInt32>(in, out);
+    case NDArrayMessage::TYPE_UINT32: return copy_array<igtlUint32>(in, out);
+    case NDArrayMessage::TYPE_FLOAT32: return copy_array<igtlFloat32>(in, out);
+    case NDArrayMessage::TYPE_FLOAT64: return copy_array<igtlFloat64>(in, out);
+    case NDArrayMessage::TYPE_COMPLEX: return copy_array<igtlComplex>(in, out);
+    }
+}
+
+/// Of queries that are a header alone there is nothing to copy.
+static void copy(MessageBase &, MessageBase &) {}
+
 /// Whether the library took the message; it is written then.
 template <class Type> static bool echo(MessageHeader::Pointer header) {
     typename Type::Pointer in = Type::New(), out = Type::New();
@@ -211,7 +245,7 @@ template <class Type> static bool echo(MessageHeader::Pointer header) {
     in->AllocatePack();
     const std::size_t size = header->GetBodySizeToRead();
     if (size && std::fread(in->GetPackBodyPointer(), 1, size, stdin) != size) return false;
-    if (!(in->Unpack(1) & MessageHeader::UNPACK_BODY)) return false;
+    if (!(in->Unpack(1) & MessageHeader::UNPACK_BODY) && size) return false;
     TimeStamp::Pointer stamp = TimeStamp::New();
     in->GetTimeStamp(stamp);
     copy(*in, *out);
@@ -238,6 +272,19 @@ static bool echo_any(MessageHeader::Pointer header) {
     if (type == "POLYDATA") return echo<PolyDataMessage>(header);
     if (type == "STT_TDATA") return echo<StartTrackingDataMessage>(header);
     if (type == "RTS_TDATA") return echo<RTSTrackingDataMessage>(header);
+    if (type == "NDARRAY") return echo<NDArrayMessage>(header);
+    if (type == "STT_QTDATA") return echo<StartQuaternionTrackingDataMessage>(header);
+    if (type == "RTS_QTDATA") return echo<RTSQuaternionTrackingDataMessage>(header);
+    if (type == "STP_TDATA") return echo<StopTrackingDataMessage>(header);
+    if (type == "STP_QTDATA") return echo<StopQuaternionTrackingDataMessage>(header);
+    if (type == "GET_TRANS") return echo<GetTransformMessage>(header);
+    if (type == "GET_IMAGE") return echo<GetImageMessage>(header);
+    if (type == "GET_STATUS") return echo<GetStatusMessage>(header);
+    if (type == "GET_CAPABIL") return echo<GetCapabilityMessage>(header);
+    if (type == "GET_IMGMETA") return echo<GetImageMetaMessage>(header);
+    if (type == "GET_LBMETA") return echo<GetLabelMetaMessage>(header);
+    if (type == "GET_POINT") return echo<GetPointMessage>(header);
+    if (type == "GET_POLYDATA") return echo<GetPolyDataMessage>(header);
     std::fprintf(stderr, "type %s\n", type.c_str());
     return false;
 }
