@@ -43,7 +43,7 @@ def maps():
         "Grid.local": lattice.local, "Grid.world": lattice.world, "Grid.node": lattice.node,
         "Grid.contains": lattice.contains, "Tissue.distance_to_pinned": tissue.distance_to_pinned,
         "Volume.index": volume.index, "Volume.position": volume.position, "Volume.sample": volume.sample,
-        "LabelMap.sample": labels.sample, "ImagePlane.project": plane.project,
+        "LabelMap.sample": labels.sample, "ImagePlane.project": plane.project, "ImagePlane.pixels": plane.pixels,
         "to_image": lambda p: to_image(pose, p), "to_reference": lambda p: to_reference(pose, p),
         "Needle.project": lambda p: NEEDLE.project(p).foot, "Needle.along": lambda p: NEEDLE.project(p).along,
     }  # fmt: skip

@@ -48,6 +48,7 @@ def test_pixels_lie_where_the_plane_says():
     assert np.allclose(flat[:, 2], 0, atol=1e-12)
     assert np.allclose(flat[[0, 1, 20]], [[-5, 1, 0], [-4.5, 1, 0], [-5, 1.25, 0]])
     row, column = 7, 11
+    assert np.allclose(plane.pixels(plane.points)[row * 20 + column], (column, row))
     assert np.allclose(plane.affine @ [column, row, 1], plane.points[row * 20 + column])
 
 

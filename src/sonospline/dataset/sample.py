@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from ..geometry.needle import Needle, equal_steps
-from ..geometry.plane import ImagePlane
 from ..models.contract import Response, TissueModel
 from ..models.insertion import NEEDLE
 from ..simulator.scene_model import tissue_model
@@ -210,7 +209,7 @@ def _places(scanner: Scanner, needle: Needle, recipe: Recipe, field: GridField) 
     now = target + field.displacement(target)
     return {
         "target_now_mm": now.tolist(), "entry_mm": needle.entry.tolist(), "tip_mm": needle.tip.tolist(),
-        "depth_mm": needle.depth, "tip_px": _pixel(plane, needle.tip), "target_px": _pixel(plane, now),
+        "depth_mm": needle.depth, "tip_px": plane.pixels(needle.tip).tolist(), "target_px": plane.pixels(now).tolist(),
         "tip_off_plane_mm": float(plane.project(needle.tip[None])[0, 2]),
         "image_to_reference": plane.image_to_reference.ravel().tolist(), "pixel_mm": plane.spacing_mm[0],
     }  # fmt: skip
@@ -225,12 +224,6 @@ def _forces(response: Response) -> dict[str, Any]:
         "force_n": None if force is None else force.force_n.tolist(),
         "error_estimate": response.error_estimate,
     }
-
-
-def _pixel(plane: ImagePlane, place: NDArray[np.floating]) -> list[float]:
-    """Column and row of a place's foot on the image."""
-    at = (plane.project(place[None])[0, :2] - plane.corner_mm) / plane.spacing_mm
-    return [float(at[0]), float(at[1])]
 
 
 def _fan(bmode: BMode) -> NDArray[np.bool_]:

@@ -38,7 +38,7 @@ class Painter:
         )
         canvas = np.repeat(image.pixels[..., None].astype(float), 3, axis=2)
         if frame.needle is not None:
-            ends = _pixel(image.plane, np.stack([frame.needle.entry, frame.needle.tip]))
+            ends = image.plane.pixels(np.stack([frame.needle.entry, frame.needle.tip]))
             _draw(canvas, ends[0], ends[1], _AXIS, _AXIS_SHARE)
         self._mark(canvas, image.plane, frame)
         return np.rint(canvas).astype(np.uint8)
@@ -47,19 +47,13 @@ class Painter:
         """A cross with an open middle where the target is now, or is nearest to the plane."""
         away, half_slice = frame.out_of_plane(frame.target_now)
         colour = _TARGET if abs(away) <= half_slice else _ASIDE
-        middle = _pixel(plane, frame.target_now[None])[0]
+        middle = plane.pixels(frame.target_now)
         for along in np.concatenate([np.eye(2), -np.eye(2)]):
             gap, arm = (length / plane.spacing_mm[0] * along for length in (_GAP_MM, _ARM_MM))
             _draw(canvas, middle + gap, middle + arm, colour, 1.0)
 
     def __repr__(self) -> str:
         return f"Painter({self._scene!r}, {self._pixels} pixels)"
-
-
-def _pixel(plane: ImagePlane, points: Array) -> Array:
-    """Column and row of points (m, 3) as they are projected onto a plane."""
-    found: Array = (plane.project(points)[:, :2] - plane.corner_mm) / plane.spacing_mm
-    return found
 
 
 def _draw(canvas: Array, start: Array, end: Array, colour: tuple[int, int, int], share: float) -> None:

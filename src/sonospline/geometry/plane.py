@@ -186,6 +186,11 @@ class ImagePlane(ByValue):
         found, shape = _validate.rows("points", points)
         return pose.to_image(self.axes_to_reference, found).reshape(*shape, 3)
 
+    def pixels(self, points: ArrayLike) -> Array:
+        """Return column and row of the feet of world points (m, 3), or of one (3,): (m, 2) or (2,), not rounded."""
+        found: Array = (self.project(points)[..., :2] - self.corner_mm) / self.spacing_mm
+        return found
+
     def misses(self, grid: Grid) -> bool:
         """Return whether no pixel lies in the box of a grid."""
         corners = grid.local(self.points)

@@ -141,8 +141,8 @@ class ReslicedImager(Imager):
 def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, diameter_mm: float) -> None:
     """Brighten, in place, the pixels a needle comes near: a Gaussian of its diameter and the pixel."""
     sigma = 0.5 * diameter_mm + max(plane.spacing_mm)
-    ends = plane.project(np.stack([needle.entry, needle.tip]))
-    pixel = (ends[:, :2] - plane.corner_mm) / plane.spacing_mm
+    points = np.stack([needle.entry, needle.tip])
+    ends, pixel = plane.project(points), plane.pixels(points)
     reach = 4 * sigma / min(plane.spacing_mm)
     low = np.maximum(np.floor(pixel.min(axis=0) - reach), 0).astype(int)
     high = np.minimum(np.ceil(pixel.max(axis=0) + reach) + 1, plane.shape[::-1]).astype(int)
