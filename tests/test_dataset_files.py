@@ -1,12 +1,17 @@
 """What lies beside the samples of a data set: plan, manifest, and what describes the table."""
 
 import hashlib
+import io
 import json
+import tarfile
 
+import numpy as np
 import pytest
 
 from small_datasets import small
 from sonospline.dataset import DataSet, make_dataset
+from sonospline.dataset.tar_form import read_tar
+from sonospline.io.png import png
 
 pytest.importorskip("pyarrow", reason="needs the extra 'data'")
 
@@ -49,3 +54,31 @@ def test_nothing_is_made_in_a_place_of_a_later_version_or_of_something_else(chan
     (tmp_path / "plan.json").write_text(json.dumps(plan | changed))
     with pytest.raises(ValueError, match=said):
         make_dataset(small("recipe"), tmp_path)
+
+
+GREY = png(np.arange(63, dtype=np.uint8).reshape(7, 9))
+
+
+def shard_of(picture):
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w") as shard:
+        member = tarfile.TarInfo("000000003.image.png")
+        member.size = len(picture)
+        shard.addfile(member, io.BytesIO(picture))
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [GREY[:20], GREY[:50], GREY.replace(b"IDAT", b"PLTE"), png(np.zeros((7, 9, 3), np.uint8)), "filtered"],
+    ids=["no header", "cut", "chunks", "colours", "filtered"],
+)
+def test_pictures_of_shards_are_read_and_those_of_other_writers_refused(picture):
+    ((index, held),) = read_tar(shard_of(GREY))
+    assert index == 3 and held["image"].tolist() == np.arange(63).reshape(7, 9).tolist()
+    if picture == "filtered":
+        pillow, stream = pytest.importorskip("PIL.Image", reason="needs the extra 'plot'"), io.BytesIO()
+        pillow.fromarray(np.add.outer(np.arange(50), np.arange(60)).astype(np.uint8)).save(stream, "png")
+        picture = stream.getvalue()
+    with pytest.raises(ValueError, match="a picture of a shard was written by another program"):
+        list(read_tar(shard_of(picture)))

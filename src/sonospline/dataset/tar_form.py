@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 import tarfile
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -74,11 +76,12 @@ def _read(kind: str, content: bytes) -> Any:
 
 def _pixels(content: bytes) -> NDArray[np.uint8]:
     """Grey levels of a PNG as :func:`~sonospline.io.png.png` writes it: lines without filters."""
-    import struct
-    import zlib
-
-    columns, rows = struct.unpack(">II", content[16:24])
-    start = content.index(b"IDAT") + 4
-    length = struct.unpack(">I", content[start - 8 : start - 4])[0]
-    lines = np.frombuffer(zlib.decompress(content[start : start + length]), np.uint8)
-    return np.ascontiguousarray(lines.reshape(rows, columns + 1)[:, 1:])
+    try:
+        columns, rows, *form = struct.unpack_from(">IIBBBBB", content, 16)
+        length, name = struct.unpack_from(">I4s", content, 33)
+        lines = np.frombuffer(zlib.decompress(content[41 : 41 + length]), np.uint8).reshape(rows, columns + 1)
+    except (ValueError, struct.error, zlib.error):
+        name = b""
+    if name != b"IDAT" or form != [8, 0, 0, 0, 0] or lines[:, 0].any():
+        raise ValueError("a picture of a shard was written by another program; make the shard again")
+    return np.ascontiguousarray(lines[:, 1:])
