@@ -72,6 +72,10 @@ def test_of_several_series_that_with_most_slices_is_taken_and_said(tmp_path, cap
     [line] = caplog.messages
     assert "holds 2 series: CT 'thorax' (9 slices) is taken, not CT 'scout' (4 slices); name a file" in line
     caplog.clear()
+    with pytest.raises(ValueError, match="a voxel of -1024"):
+        read_labels(tmp_path / "case")
+    assert len(caplog.records) == 1, "labels are read once, too"
+    caplog.clear()
     scout = read_volume(tmp_path / "case" / "IM00207.dcm")
     assert scout.voxels.shape == (COLUMNS, ROWS, 4)
     assert scout.voxels.max() == small.max() - 1024

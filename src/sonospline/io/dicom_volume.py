@@ -44,7 +44,7 @@ class _Stack(NamedTuple):
 
 
 def read_dicom_volume(path: Path, name: str = "volume") -> Volume:
-    """Read a series of slices as a volume; of segments, their labels.
+    """Read a series of slices as a volume; segments as a :class:`LabelMap` with their names.
 
     Parameters
     ----------
@@ -59,8 +59,11 @@ def read_dicom_volume(path: Path, name: str = "volume") -> Volume:
         No series; slices that are missing, twice there, unevenly apart or shifted (a tilted gantry); pixels that cannot
         be decoded; or more than fits in memory.
     """
-    where, series = _series(path, name)
-    if _is_segmentation(series):
+    if not path.is_dir():
+        regular_file(path, name, "an image in DICOM")
+    where = f"{name} = {str(path)!r}"
+    series = series_of(path, where)
+    if str(series.header.get("SOPClassUID", "")) in _SEGMENTATIONS:
         return _labels(series, where)
     stack = _stack(where, series.slices, gaps=False)
     order = [series.slices[number] for number in np.argsort(stack.places)]
@@ -75,23 +78,6 @@ def read_dicom_volume(path: Path, name: str = "volume") -> Volume:
         slope, intercept = one.scale
         voxels[numbers[one.file, one.frame]] = pixels.astype(np.float64) * slope + intercept
     return _placed(_narrowed(voxels), stack)
-
-
-def read_dicom_labels(path: Path, name: str = "labels") -> LabelMap | None:
-    """Return the segments of a DICOM segmentation with their names; None of what is none."""
-    where, series = _series(path, name)
-    return _labels(series, where) if _is_segmentation(series) else None
-
-
-def _series(path: Path, name: str) -> tuple[str, Series]:
-    if not path.is_dir():
-        regular_file(path, name, "an image in DICOM")
-    where = f"{name} = {str(path)!r}"
-    return where, series_of(path, where)
-
-
-def _is_segmentation(series: Series) -> bool:
-    return str(series.header.get("SOPClassUID", "")) in _SEGMENTATIONS
 
 
 def _labels(series: Series, where: str) -> LabelMap:

@@ -11,7 +11,6 @@ from pathlib import Path
 from ..geometry.label_map import LARGEST, LabelMap, looks_like_labels
 from ..geometry.volume import Volume
 from .dicom_slices import is_dicom
-from .dicom_volume import read_dicom_labels
 from .segmentation import SUFFIX, names_segments, segmentation_of
 from .tables import read_names
 from .volumes import read_image, read_volume, suffix_of
@@ -60,16 +59,14 @@ def read_labels(
     {5: 'liver'}
     """
     where = f"labels = {str(path)!r}"
-    if names is None and is_dicom(Path(path)) and not names_beside(path).is_file():
-        segments = read_dicom_labels(Path(path))
-        if segments is not None:
-            return LabelMap.of(segments, name=where, largest=largest).named(segments.names)
+    found: Volume | None = None
     if names is None and is_segmentation(path) and not names_beside(path).is_file():
         found = segments_of(path)
-        if found is not None:
-            return LabelMap.of(found, name=where, largest=largest).named(found.names)
-    labels = LabelMap.of(read_volume(path, name="labels"), name=where, largest=largest)
-    return labels.named(_names_beside(Path(path)) if names is None else _given(names))
+    if found is None:
+        found = read_volume(path, name="labels")
+    labels = LabelMap.of(found, name=where, largest=largest)
+    own = found.names if isinstance(found, LabelMap) else {}
+    return labels.named(_names_beside(Path(path), own) if names is None else _given(names))
 
 
 def is_segmentation(path: str | PathLike[str]) -> bool:
@@ -100,11 +97,11 @@ def _given(names: str | PathLike[str] | Mapping[int, str]) -> Mapping[int, str]:
     return names if isinstance(names, Mapping) else read_names(names)
 
 
-def _names_beside(path: Path) -> dict[int, str]:
-    """The names in the table beside an image; none where it is none."""
+def _names_beside(path: Path, own: Mapping[int, str]) -> Mapping[int, str]:
+    """The names in the table beside an image, else its own; none where the file there is no table."""
     beside = names_beside(path)
     if not beside.is_file():
-        return {}
+        return own
     try:
         return read_names(beside)
     except ValueError as error:
