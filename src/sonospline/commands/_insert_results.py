@@ -56,14 +56,14 @@ def write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argpa
     # With every face node a landmark, summing at each iterate would take minutes.
     many = isinstance(outcome.field, KernelField) and len(outcome.field.centres) > _MANY_LANDMARKS
     warp = ImageWarp.of(GridField.of(outcome.field, "accurate") if many else outcome.field)
-    deformed = {name: warp.apply(image) for name, image in images.items()}
-    for name, image in deformed.items():
-        write_volume(image, folder / name)
+    pairs = {file: (image, warp.apply(image)) for file, image in images.items()}
+    for file, (_, image) in pairs.items():
+        write_volume(image, folder / file)
     warp.save(folder / "displacement.h5")
     if args.slicer:
-        both = dict(zip(("image", "labels"), zip(images.values(), deformed.values(), strict=True), strict=False))
-        file = (folder / "displacement.h5").read_bytes()
-        insertion_scene(both, file, outcome.needle, outcome.path.tip).write(folder / "scene.mrb")
+        named = {"labels" if file.startswith("warped_labels") else "image": pair for file, pair in pairs.items()}
+        deformation = (folder / "displacement.h5").read_bytes()
+        insertion_scene(named, deformation, outcome.needle, outcome.path.tip).write(folder / "scene.mrb")
     write_vti(folder / "displacement.vti", grid, {"displacement": displacement, "det_jacobian": det})
     moved = Volume(
         voxels=np.linalg.norm(warp.displacement, axis=-1),
@@ -71,7 +71,7 @@ def write(outcome: Outcome, images: dict[str, Volume], folder: Path, args: argpa
         origin=grid.origin,
         direction=grid.direction,
     )
-    volume, warped = next(zip(images.values(), deformed.values(), strict=True))
+    volume, warped = next(iter(pairs.values()))
     attempt(lambda: draw_insertion(volume, warped, moved, outcome.needle, folder / "figure.png"))
     summary = {
         "verb": "insert",

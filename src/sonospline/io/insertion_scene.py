@@ -47,15 +47,16 @@ def insertion_scene(
     scene = Mrml()
     stored = scene.stored("TransformStorage", "deformation.h5", deformation)
     moved = {"transform": scene.add("Transform", "deformation", references={"storage": stored})}
-    shown = []
+    volumes = []
     for name, (before, after) in images.items():
         _add(scene, name, before, moved)
-        shown.append(_add(scene, f"warped {name}", after))
+        shown = _add(scene, f"warped {name}", after)
+        if not isinstance(after, LabelMap):
+            volumes.append(shown)
     points, triangles = needle_surface(needle.depth)
     pose = pose_along(needle.tip, needle.direction)
     scene.surface("needle", points @ pose[:3, :3].T + pose[:3, 3], triangles, STEEL)
     scene.fiducials("path", {"entry": needle.entry, "target": target})
-    volumes = [id_ for id_ in shown if "VolumeNode" in id_]
     _show(scene, volumes, next(iter(images.values()))[0].lattice.side, needle.tip)
     return scene
 
