@@ -17,6 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .headers.nrrd import type_name
 from .markups import SUFFIX, markups_content
 from .writing import write_bytes
 
@@ -26,10 +27,6 @@ _SINGLETONS = ("Slice", "SliceComposite")
 GREY = "vtkMRMLColorTableNodeGrey"
 FOUR_UP = 3
 """3D Slicer's number for the layout with three slices and a view in 3-D."""
-_NRRD_TYPES = {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)} | {
-    "float32": "float",
-    "float64": "double",
-}
 
 
 class Mrml:
@@ -193,16 +190,16 @@ def nrrd_bytes(voxels: NDArray[np.generic], ijk_to_ras: NDArray[np.floating], le
 
     Voxels of a type that NRRD has none for become doubles.
     """
-    kind = voxels.dtype.name if voxels.dtype.name in _NRRD_TYPES else "float64"
+    kind = voxels.dtype if type_name(voxels.dtype) else np.dtype(np.float64)
     axes = " ".join(f"({','.join(f'{x:.9g}' for x in axis)})" for axis in ijk_to_ras[:3, :3].T)
     lines = [
-        "NRRD0004", f"type: {_NRRD_TYPES[kind]}", "dimension: 3", "space: right-anterior-superior",
+        "NRRD0004", f"type: {type_name(kind)}", "dimension: 3", "space: right-anterior-superior",
         f"sizes: {' '.join(map(str, voxels.shape[::-1]))}", f"space directions: {axes}",
         "kinds: domain domain domain", "encoding: gzip",
         f"space origin: ({','.join(f'{x:.9g}' for x in ijk_to_ras[:3, 3])})",
-        *(["endian: little"] if np.dtype(kind).itemsize > 1 else []),
+        *(["endian: little"] if kind.itemsize > 1 else []),
     ]  # fmt: skip
-    data = gzip.compress(np.ascontiguousarray(voxels, np.dtype(kind).newbyteorder("<")).tobytes(), level, mtime=0)
+    data = gzip.compress(np.ascontiguousarray(voxels, kind.newbyteorder("<")).tobytes(), level, mtime=0)
     return "\n".join(lines).encode() + b"\n\n" + data
 
 

@@ -50,6 +50,12 @@ _ORDERS = {"little": "<", "big": ">"}
 _RAW, _PACKED, _TEXT = ("raw",), ("gzip", "gz"), ("ascii", "text", "txt", "hex")
 
 
+def type_name(dtype: np.dtype[Any]) -> str:
+    """Return what NRRD calls a type of voxels; nothing where it has none."""
+    names = _NAMES.get(dtype.str[1:], ("",))
+    return dtype.name if dtype.name in names else names[0]
+
+
 def parse(path: Path, stream: BinaryIO) -> Header:
     """Return the header of a NRRD file."""
     fields, tracked = _header_fields(stream)
