@@ -105,6 +105,11 @@ def test_every_room_has_its_floor():
     assert {room_of(module) for module in modules()} == set(FLOOR)
 
 
+def test_the_table_of_rooms_has_them_all():
+    rows = re.findall(r"^\| (.*?) \|", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    assert set(FLOOR) <= {room for row in rows for room in re.findall(r"\w+", row)}
+
+
 def test_nothing_imports_what_it_feeds():
     back = [
         f"{module} imports {imported}"
