@@ -96,12 +96,6 @@ def load(path):
     return store.ReadData(node)
 
 
-def warped(point):
-    """Where a volume's transform takes a point: what hardening would do."""
-    node = scene.GetFirstNodeByClass("vtkMRMLTransformNode")
-    return list(node.GetTransformToParent().TransformPoint(point))
-
-
 def harden(name, file):
     node = scene.GetFirstNodeByName(name)
     done = node.HardenTransform() and node.GetParentTransformNode() is None
@@ -121,8 +115,6 @@ answer = {
     "messages": messages.GetOutput(),
     "unknown": unknown,
 }
-if "warp" in order:
-    answer["warped"] = [warped(point) for point in order["warp"]]
 if "from_parent" in order:  # as the core sets the grid up, and with the interpolation of ITK
     back = scene.GetFirstNodeByClass("vtkMRMLTransformNode").GetTransformFromParent()
     answer["interpolation"] = back.GetInterpolationModeAsString()
