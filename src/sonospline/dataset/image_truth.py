@@ -88,8 +88,7 @@ def needle_pixels(needle: Needle, diameter_mm: float, probe: Probe, plane: Image
     along = last - first
     length = float(np.hypot(*along))
     along = along / length if length else np.zeros(2)
-    x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(plane.shape[1]) - first[0]
-    y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(plane.shape[0])[:, None] - first[1]
+    x, y = (axis - start for axis, start in zip(plane.axes_mm, first, strict=True))
     at = np.clip(x * along[0] + y * along[1], 0, length)
     reach = max(diameter_mm / 2, min(plane.spacing_mm) / 2)
     return (x - at * along[0]) ** 2 + (y - at * along[1]) ** 2 <= reach**2

@@ -165,6 +165,12 @@ class ImagePlane(ByValue):
         return pose.to_reference(self.image_to_reference, flat.reshape(-1, 3))
 
     @property
+    def axes_mm(self) -> tuple[Array, Array]:
+        """(columns,) x and (rows, 1) y of the pixel centres along the axes that :attr:`extent` counts along."""
+        (rows, columns), (dx, dy), (x, y) = self.shape, self.spacing_mm, self.corner_mm
+        return x + dx * np.arange(columns, dtype=float), y + dy * np.arange(rows, dtype=float)[:, None]
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom and top edge in mm, as matplotlib's ``imshow`` takes them with ``origin="upper"``."""
         (rows, columns), (dx, dy), (x, y) = self.shape, self.spacing_mm, self.corner_mm

@@ -148,8 +148,8 @@ def paint_needle(grey: NDArray[np.float32], plane: ImagePlane, needle: Needle, d
     high = np.minimum(np.ceil(pixel.max(axis=0) + reach) + 1, plane.shape[::-1]).astype(int)
     if (high <= low).any():
         return
-    x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(low[0], high[0])
-    y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(low[1], high[1])[:, None]
+    x, y = plane.axes_mm
+    x, y = x[low[0] : high[0]], y[low[1] : high[1]]
     along = (ends[1] - ends[0]) / needle.depth
     t = np.clip((x - ends[0, 0]) * along[0] + (y - ends[0, 1]) * along[1] - ends[0, 2] * along[2], 0, needle.depth)
     foot = [ends[0, a] + t * along[a] for a in range(3)]

@@ -185,10 +185,7 @@ class Scan(NamedTuple):
     @classmethod
     def of(cls, probe: Probe, plane: ImagePlane) -> Scan:
         """Return the scan conversion of a picture; the plane's pose does not matter."""
-        rows, columns = plane.shape
-        x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
-        y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)
-        r, line = probe.range_and_line(x.astype(np.float32), y.astype(np.float32)[:, None])
+        r, line = probe.range_and_line(*(axis.astype(np.float32) for axis in plane.axes_mm))
         sample = r / probe.sample_mm
         fan = (r >= 0) & (r <= probe.depth_mm) & (line >= 0) & (line <= probe.lines - 1)
         line, held = np.clip(line, 0, probe.lines - 1), np.clip(sample, 0, probe.samples - 1)
