@@ -12,7 +12,7 @@ from sonospline._core.textures import KINDS, texture_map, textures
 from sonospline.fields import GridField
 from sonospline.geometry import Grid, facing
 from sonospline.ultrasound import TISSUES, Phantom, Probe, Scanner
-from sonospline.ultrasound.acoustics import textured
+from sonospline.ultrasound.acoustics import read_table, textured, write_table
 
 POSE = facing((15, 6, 0), depth=(0, 0, 1), right=(1, 0, 0))
 PROBE = Probe.linear(frequency_mhz=5, depth_mm=28, aperture_mm=28, lines=64, samples=512, elevation_focus_mm=14)
@@ -100,6 +100,24 @@ def test_a_phantom_is_textured_by_the_names_of_its_tissues():
     rich = phantom.textured()
     assert [rich.tissues[k].texture for k in range(3)] == ["blobs", "fibres", "triads"]
     assert rich.tissues[0] == phantom.tissues[0]
+
+
+def test_a_saved_phantom_keeps_its_textures_roughness_and_walls(tmp_path):
+    pytest.importorskip("SimpleITK")
+    oblique = replace(textured(TISSUES["liver"], (0.1, -0.7, 1 / 3)), roughness_db=-12.0, wall_mm=0.6)
+    phantom = Phantom(Phantom.uniform("gel", size_mm=(4, 4, 4)).labels, {0: oblique, 1: "muscle"}).textured()
+    phantom.save(tmp_path / "labels.nrrd", tmp_path / "tissues.csv")
+    assert read_table(tmp_path / "tissues.csv") == phantom.tissues
+
+
+def test_a_table_need_not_say_textures_and_says_three_numbers_where_it_does(tmp_path):
+    write_table(tmp_path / "whole.csv", [(0, TISSUES["kidney medulla"])])
+    plain = [line.rsplit(",", 5)[0] for line in (tmp_path / "whole.csv").read_text().splitlines()]
+    (tmp_path / "plain.csv").write_text("\n".join(plain))
+    assert read_table(tmp_path / "plain.csv") == {0: TISSUES["kidney medulla"]}
+    (tmp_path / "two.csv").write_text((tmp_path / "whole.csv").read_text().replace("3.0 3.0 3.0", "3.0 3.0"))
+    with pytest.raises(ValueError, match=r"line 2: texture_mm = .*give three numbers"):
+        read_table(tmp_path / "two.csv")
 
 
 @pytest.mark.parametrize(

@@ -208,6 +208,10 @@ def textured(tissue: AcousticTissue, direction: tuple[float, float, float] | Non
 
 
 _COLUMNS = ("name", "speed_m_s", "density_kg_m3", "attenuation_db_cm_mhz", "backscatter_db", "texture_db", "source")
+_VECTORS = ("texture_mm", "texture_direction")
+"""Their three numbers are parted by blanks."""
+_OPTIONAL = ("roughness_db", "wall_mm", "texture", *_VECTORS)
+"""Columns that a table need not have."""
 
 
 def known(name: str, table: dict[str, AcousticTissue] | None = None) -> AcousticTissue:
@@ -222,9 +226,11 @@ def write_table(path: str | PathLike[str], labelled: Iterable[tuple[int, Acousti
     """Write labels and their properties as CSV."""
     text = io.StringIO(newline="")
     writer = csv.writer(text)
-    writer.writerow(("label", *_COLUMNS))
+    writer.writerow(("label", *_COLUMNS, *_OPTIONAL))
     for label, tissue in labelled:
-        writer.writerow((label, *(getattr(tissue, column) for column in _COLUMNS)))
+        cells = {column: getattr(tissue, column) for column in (*_COLUMNS, *_OPTIONAL)}
+        cells |= {column: " ".join(map(str, cells[column])) for column in _VECTORS}
+        writer.writerow((label, *cells.values()))
     write_text(path, text.getvalue())
 
 
@@ -233,8 +239,17 @@ def read_table(path: str | PathLike[str]) -> dict[int, AcousticTissue]:
     table = {}
     for label, row in read_by_label(path, "table", _COLUMNS).items():
         try:
-            numbers: dict[str, Any] = {column: float(row.cells[column]) for column in _COLUMNS[1:-1]}
-            table[label] = AcousticTissue(name=row.cells["name"], source=row.cells["source"], **numbers)
+            given = (*_COLUMNS, *(column for column in _OPTIONAL if row.cells.get(column)))
+            table[label] = AcousticTissue(**{column: _value(column, row.cells[column]) for column in given})
         except ValueError as error:
             raise ValueError(f"table = {str(path)!r}, line {row.line}: {error}; give numbers in range") from None
     return table
+
+
+def _value(column: str, cell: str) -> Any:
+    """What a cell says."""
+    if column in ("name", "source", "texture"):
+        return cell
+    if column in _VECTORS:
+        return tuple(_validate.vector(column, [float(number) for number in cell.split()]).tolist())
+    return float(cell)

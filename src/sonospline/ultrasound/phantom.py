@@ -205,13 +205,9 @@ class Phantom(ByValue):
 
     def save(self, labels: str | PathLike[str], table: str | PathLike[str]) -> None:
         """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""
+        lattice = self.labels.lattice
         image = to_sitk(
-            Volume(
-                voxels=self.bytes,
-                spacing=self.labels.lattice.spacing,
-                origin=self.labels.lattice.origin,
-                direction=self.labels.lattice.direction,
-            )
+            Volume(voxels=self.bytes, spacing=lattice.spacing, origin=lattice.origin, direction=lattice.direction)
         )
         present = [label for label in self._present() if label]
         for number, label in enumerate(present):
