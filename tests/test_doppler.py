@@ -121,7 +121,7 @@ def test_the_wall_filter_takes_tissue_and_leaves_what_turns():
     k = np.arange(10)
     still = np.full((10, 4, 64), 1e4 + 2e3j) + (30 * k)[:, None, None]
     turning = np.exp(0.9j * k)[:, None, None] * np.ones((1, 4, 64))
-    found = autocorrelation((still + turning).astype(np.complex64), 1, optics)
+    found = autocorrelation((still + turning).astype(np.complex64), without_polynomial(10, 1), optics)
     assert np.allclose(np.angle(found.lag_one), 0.9, atol=0.06)
     assert np.allclose(without_polynomial(10, 2) @ np.vander(k / 9, 3), 0, atol=1e-12)
 
@@ -130,6 +130,19 @@ def test_colours_say_towards_and_away():
     table = colours()
     assert table.shape == (256, 3) and table[255][0] == 255 and table[1][2] == 255
     assert (table[129:, 2] == 0).all() and (table[1:128, 0] == 0).all()
+
+
+@pytest.mark.parametrize("ensemble", [4, 10])
+def test_noise_is_another_in_every_pulse_however_large_the_box(ensemble):
+    """Where nothing echoes, the wall filter leaves its share of it, and its phase turns anyhow."""
+    few, box = Probe.linear(frequency_mhz=12, lines=32), Doppler(box_mm=(-19, 19, 0, 40), ensemble=ensemble)
+    phantom = Phantom.uniform("gel", size_mm=(30, 12, 50))
+    shown = [
+        Scanner(phantom, few, POSE, doppler=replace(box, threshold_db=threshold)).render(frame=3).frame.colour
+        for threshold in (-3.0, 3.0)
+    ]
+    assert [np.isfinite(colour.beams_cm_s).mean().round(1) for colour in shown] == [1.0, 0.0]
+    assert np.nanstd(shown[0].beams_cm_s) > 0.3 * shown[0].nyquist_cm_s
 
 
 # --- off, again, elsewhere ---

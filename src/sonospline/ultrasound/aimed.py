@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,34 @@ from numpy.typing import NDArray
 from ..fields.grid_field import GridField
 from ..geometry.grid import Grid
 from .aim import aim
-from .optics import Optics, Scan
+from .needle_synthesis import SHADOW_SOFT_MM
+from .optics import Optics, Scan, picture_plane
 from .phantom import Phantom
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+
+class ClutterInput(NamedTuple):
+    """The last arguments of the core's ``BmodePlan.render``."""
+
+    wide: Floats
+    wide_scale: Floats
+    haze: Floats
+    texture: Floats
+    tail_level: float
+    tail_keep: float
+    ghosts: Floats
+    unit: Floats
+    loudness: Floats
+    again: float
+
+
+NO_CLUTTER = ClutterInput(
+    np.zeros((0, 0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, 0, 2), np.float32),
+    np.zeros((0, 0, 2), np.float32), 0.0, 0.0, np.zeros((0, 0), np.float32), np.zeros(0, np.float32),
+    np.zeros(0, np.float32), 0.0,
+)  # fmt: skip
 
 
 @dataclass
@@ -29,6 +54,11 @@ class Aimed:
 
     def __post_init__(self) -> None:
         self.plan = self.optics.plan(self.scan)
+
+    @classmethod
+    def unseen(cls, optics: Optics, margin_mm: float) -> Aimed:
+        """Return a plan whose beams are wanted, and no picture."""
+        return cls(optics, Scan.of(optics.probe, picture_plane(optics.probe, np.eye(4), (2, 2))), margin_mm)
 
     def anew(self, scan: Scan) -> Aimed:
         """Return the plan for another pose or picture."""
@@ -57,8 +87,24 @@ class Aimed:
         self.grid, self.margin_mm = field.grid, margin
         return bool(len(seen.frames))
 
+    def beams(self, field: GridField, echoes: Floats, shadow: Floats, noise: Floats, noise_level: float) -> Floats:
+        """Return what the beams hear of the tissue, echoes and noise alone, (lines, samples, 2)."""
+        no_offset = np.zeros(self.optics.probe.samples, np.float32)
+        heard: Floats
+        heard, _, _ = self.plan.render(
+            field.along_axes, field.grid.spacing, echoes, shadow, SHADOW_SOFT_MM, noise, noise_level, no_offset, 60.0,
+            *NO_CLUTTER,
+        )  # fmt: skip
+        return heard
+
     def __getstate__(self) -> tuple[Optics, Scan, float]:
         return self.optics, self.scan, self.margin_mm
 
     def __setstate__(self, state: tuple[Optics, Scan, float]) -> None:
         self.__init__(*state)  # type: ignore[misc]
+
+
+@lru_cache(maxsize=4)
+def noise(seed: int, size: int) -> Floats:
+    """Return the noise that frames take theirs from."""
+    return np.random.default_rng(seed).standard_normal(size, np.float32)

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from . import grating
-from .aimed import Aimed
+from .aimed import NO_CLUTTER, Aimed, ClutterInput
 from .artefacts import Artefacts
 from .grating import GratingLobes
-from .optics import Optics, Scan, picture_plane
+from .optics import Optics
 from .phantom import Phantom
 from .probe import Probe
 
@@ -35,30 +34,8 @@ _TAIL_RUN = 16
 _TAIL_DB_CM_MHZ = 0.6  # lost on the way as elsewhere
 _LOUD_DB = 20.0  # above liver at its depth: what is heard again
 _FAINTEST = 1e25  # one over a power that nothing is heard of, so deep or at so high a frequency
-MIRROR_DB = 40.0
+_MIRROR_DB = 40.0
 """A perfect mirror over liver speckle, of such surfaces as here."""
-
-
-class ClutterInput(NamedTuple):
-    """The last arguments of the core's ``BmodePlan.render``."""
-
-    wide: Floats
-    wide_scale: Floats
-    haze: Floats
-    texture: Floats
-    tail_level: float
-    tail_keep: float
-    ghosts: Floats
-    unit: Floats
-    loudness: Floats
-    again: float
-
-
-NO_CLUTTER = ClutterInput(
-    np.zeros((0, 0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, 0, 2), np.float32),
-    np.zeros((0, 0, 2), np.float32), 0.0, 0.0, np.zeros((0, 0), np.float32), np.zeros(0, np.float32),
-    np.zeros(0, np.float32), 0.0,
-)  # fmt: skip
 
 
 class Clutter:
@@ -69,13 +46,12 @@ class Clutter:
         self.artefacts, self.optics, self._seed = artefacts, optics, seed
         self._wide: Aimed | None = None
         self._lobes: GratingLobes | None = None
-        lobes = grating.angle(optics.probe)
+        wide, lobes = _wide_probe(optics.probe), grating.angle(optics.probe)
         if lobes is not None and artefacts.grating_db is not None:
-            self._lobes = GratingLobes(optics.probe, wide_probe(optics.probe), _TAIL_RUN, lobes, artefacts.grating_db)
+            self._lobes = GratingLobes(optics.probe, wide, _TAIL_RUN, lobes, artefacts.grating_db)
         if artefacts.side_lobes_db is not None or self._lobes is not None:
-            beam = Optics(wide_probe(optics.probe), _WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS, _WIDE_FAINTEST)
-            scan = Scan.of(beam.probe, picture_plane(beam.probe, np.eye(4), (2, 2)))  # no one sees it
-            self._wide = Aimed(beam, scan, margin_mm)
+            beam = Optics(wide, _WIDE_RAYS, _WIDE_RAY_SAMPLES, _WIDE_POINTS, _WIDE_FAINTEST)
+            self._wide = Aimed.unseen(beam, margin_mm)
 
     def moved(self) -> Clutter:
         """Return the same for another pose."""
@@ -116,15 +92,7 @@ class Clutter:
         echoes = echoes * np.array([(probe.lines - 1) / (narrow.lines - 1), 1, 1, 1], np.float32)
         of = np.linspace(0, narrow.lines - 1, probe.lines)
         shadow = np.stack([np.interp(of, np.arange(narrow.lines), row) for row in shadow]).astype(np.float32)
-        iq, _, _ = aimed.plan.render(
-            field.along_axes, field.grid.spacing, echoes, shadow, 0.5, noise, 0.0, self._no_offset, 60.0, *NO_CLUTTER
-        )  # fmt: skip
-        found: Floats = iq
-        return found
-
-    @cached_property
-    def _no_offset(self) -> Floats:
-        return np.zeros(self.optics.probe.samples, np.float32)
+        return aimed.beams(field, echoes, shadow, noise, 0.0)
 
     @cached_property
     def _wide_scale(self) -> Floats:
@@ -153,7 +121,7 @@ class Clutter:
         probe, power = self.optics.probe, self.optics.speckle_power
         lost = 2 * _TAIL_DB_CM_MHZ * probe.frequency_mhz * probe.ranges / 10
         loudness = np.minimum(10 ** ((lost - _LOUD_DB) / 10) / power, _FAINTEST)
-        again = 10 ** ((self.artefacts.multiples_db - MIRROR_DB) / 20)
+        again = 10 ** ((self.artefacts.multiples_db - _MIRROR_DB) / 20)
         return np.sqrt(power).astype(np.float32), loudness.astype(np.float32), float(again)
 
     @cached_property
@@ -202,7 +170,7 @@ class Clutter:
         return found
 
 
-def wide_probe(probe: Probe) -> Probe:
+def _wide_probe(probe: Probe) -> Probe:
     """Return the probe of the side lobes: six times as wide, three times as thick, a quarter of the lines."""
     return replace(
         probe,

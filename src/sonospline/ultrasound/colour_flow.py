@@ -13,7 +13,7 @@ from .._extras import require
 from ..geometry.plane import ImagePlane
 from .doppler import Doppler
 from .optics import Optics
-from .probe import Probe
+from .probe import FWHM, Probe
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex64]
@@ -87,19 +87,18 @@ class Estimate(NamedTuple):
     """(lines, samples) of lag 0."""
 
 
-def autocorrelation(pulses: Complex, wall_filter: int, optics: Optics) -> Estimate:
+def autocorrelation(pulses: Complex, wall_filter: Array, optics: Optics) -> Estimate:
     """Return the autocorrelation (Kasai 1985) of pulses (ensemble, lines, samples) without what hardly moves.
 
-    A polynomial in time is taken out of each ensemble; lags are averaged over a pulse's length and three lines.
+    The filter (ensemble, ensemble) is applied to each; lags are averaged over a pulse's length and three lines.
     """
     from scipy.ndimage import uniform_filter1d
 
-    kept = without_polynomial(len(pulses), wall_filter).astype(np.float32)
-    moving = np.tensordot(kept, pulses, axes=1)
+    moving = np.tensordot(wall_filter.astype(np.float32), pulses, axes=1)
     count, probe = len(pulses), optics.probe
     lag_one = (moving[1:] * moving[:-1].conj()).sum(axis=0) / (count - 1)
     power = (np.square(moving.real) + np.square(moving.imag)).sum(axis=0) / count
-    length = max(1, round(2.355 * probe.axial_sigma / probe.sample_mm))
+    length = max(1, round(FWHM * probe.axial_sigma / probe.sample_mm))
     averaged = [uniform_filter1d(uniform_filter1d(a, length, axis=1), 3, axis=0) for a in (lag_one, power)]
     return Estimate(averaged[0].astype(np.complex64), averaged[1])
 
@@ -114,17 +113,15 @@ def without_polynomial(count: int, order: int) -> Array:
 class BoxScan:
     """Where the pixels of a picture lie among the samples of a box's beams."""
 
-    def __init__(self, doppler: Doppler, probe: Probe, plane: ImagePlane) -> None:
-        rows, columns = plane.shape
-        x = plane.corner_mm[0] + plane.spacing_mm[0] * np.arange(columns)
-        y = plane.corner_mm[1] + plane.spacing_mm[1] * np.arange(rows)[:, None]
+    def __init__(self, doppler: Doppler, probe: Probe, beams: Probe, plane: ImagePlane) -> None:
+        x, y = plane.axes_mm
         inside = doppler.inside(probe, x, y)
         held = [np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0)]
         first, last = [int(h[0]) if len(h) else 0 for h in held], [int(h[-1]) + 1 if len(h) else 0 for h in held]
         window = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
         self.corner = first[0], first[1]
         self._inside = inside[window]
-        beams, pose = doppler.beams(probe), doppler.pose(probe)
+        pose = doppler.pose(probe)
         at = np.stack(np.broadcast_arrays(x, y), axis=-1)[window][self._inside] - pose[:2, 3]
         r, line = beams.range_and_line(*(at @ pose[:2, :2]).T)
         line = np.clip(line, 0, beams.lines - 1.001)

@@ -16,7 +16,7 @@ from .probe import Probe
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-PITCH_MM, CURVED_PITCH_MM = 0.3, 0.508
+_PITCH_MM, _CURVED_PITCH_MM = 0.3, 0.508
 """Between elements of a straight and of a convex face, of L11-5v and C5-2v."""
 _OF_ANGLE = 0.75
 
@@ -25,7 +25,7 @@ def angle(probe: Probe) -> float | None:
     """Return the angle from the beam that grating lobes are heard from, in radians; None where there are none."""
     if probe.kind == "phased":  # made so that there are none, whatever its frequency
         return None
-    sine = probe.wavelength_mm / (CURVED_PITCH_MM if probe.curved else PITCH_MM)
+    sine = probe.wavelength_mm / (_CURVED_PITCH_MM if probe.curved else _PITCH_MM)
     return _OF_ANGLE * float(np.arcsin(sine)) if sine < 1 else None
 
 

@@ -13,6 +13,7 @@ from .needle_echo import NeedleEcho
 from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 POINT_MM = 0.12
 _COPIES = 8
@@ -35,7 +36,7 @@ _REAL_SHADOW_LINES = 3.0
 
 def echo(
     model: NeedleEcho, needle: Needle, optics: Optics, transform: Array, seed: int = 0, *, real: bool = False
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Floats, Floats]:
     """Return a needle's echoes (m, 4): line, half-sample, real and imaginary part; and its shadow (2, lines).
 
     Echoes have one phase all along: with the carrier's, the beam would cancel an oblique line. The shadow is
@@ -88,15 +89,8 @@ def echo(
 
 
 def _shadow(
-    model: NeedleEcho,
-    r: Array,
-    line: Array,
-    elevation: Array,
-    sigma: Array,
-    lines: int,
-    none: NDArray[np.float32],
-    real: bool,
-) -> NDArray[np.float32]:
+    model: NeedleEcho, r: Array, line: Array, elevation: Array, sigma: Array, lines: int, none: Floats, real: bool
+) -> Floats:
     """Where the shadow begins on each line, and the amplitude left, softened across lines."""
     from scipy.ndimage import gaussian_filter1d
 

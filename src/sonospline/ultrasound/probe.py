@@ -18,7 +18,8 @@ Kind = Literal["linear", "curvilinear", "phased"]
 SPEED_OF_SOUND = 1.54
 """mm per microsecond, what scanners assume."""
 
-_FWHM = 2 * np.sqrt(2 * np.log(2))
+FWHM = 2 * np.sqrt(2 * np.log(2))
+"""Full width at half maximum over the standard deviation, of a Gaussian."""
 _FINEST, _FITTING, _COARSEST = 0.105, 1.2, 1.5
 """A sample, in standard deviations of the pulse: 63 half-samples hold 3.3 of them."""
 _FEWEST_SAMPLES, _SAMPLES, _MOST_SAMPLES = 80, 1024, 32_768
@@ -137,7 +138,7 @@ class Probe:
             fault, remedy = ("coarse", "more") if per_pulse > _COARSEST else ("fine", "fewer")
             raise ValueError(
                 f"depth_mm = {self.depth_mm} over samples = {self.samples} is too {fault} for the pulse "
-                f"({_FWHM * self.axial_sigma:.3f} mm long); take {remedy} samples"
+                f"({FWHM * self.axial_sigma:.3f} mm long); take {remedy} samples"
             )
 
     def __repr__(self) -> str:
@@ -287,7 +288,7 @@ class Probe:
         """
         r = np.maximum(np.asarray(range_mm, float), 0)
         neper = self.downshift_db_cm_mhz / 10 * np.log(10) / 20
-        spectrum = self.bandwidth * self.frequency_mhz / _FWHM
+        spectrum = self.bandwidth * self.frequency_mhz / FWHM
         return np.maximum(self.frequency_mhz - 2 * neper * r * spectrum**2, self.frequency_mhz / 2)
 
     def lateral_fwhm(self, range_mm: ArrayLike) -> Array:
@@ -309,12 +310,12 @@ class Probe:
 
     def lateral_sigma(self, range_mm: ArrayLike) -> Array:
         """Return the beam's standard deviation, mm."""
-        return self.lateral_fwhm(range_mm) / _FWHM
+        return self.lateral_fwhm(range_mm) / FWHM
 
     def elevation_sigma(self, range_mm: ArrayLike) -> Array:
         """Return the standard deviation of the slice's two-way amplitude profile, mm."""
         apart = self.elevation_spread * (np.asarray(range_mm, float) - self.elevation_focus_mm)
-        sigma: Array = np.hypot(self.elevation_mm / _FWHM, apart)
+        sigma: Array = np.hypot(self.elevation_mm / FWHM, apart)
         return sigma
 
     def beam_coordinates(self, points: ArrayLike) -> Array:
@@ -377,7 +378,7 @@ def _bandwidth(value: float) -> float:
 
 
 def _axial_sigma(bandwidth: float, frequency_mhz: float) -> float:
-    return float(SPEED_OF_SOUND / 2 / (2 * np.pi * bandwidth * frequency_mhz / _FWHM))
+    return float(SPEED_OF_SOUND / 2 / (2 * np.pi * bandwidth * frequency_mhz / FWHM))
 
 
 def _fitting_samples(depth_mm: float, axial_sigma: float) -> int:
@@ -386,7 +387,7 @@ def _fitting_samples(depth_mm: float, axial_sigma: float) -> int:
         longer = depth_mm / axial_sigma < 1e3
         remedy = "a higher frequency or a larger depth" if longer else "a lower frequency or a smaller depth"
         raise ValueError(
-            f"depth_mm = {depth_mm:g} does not go with a pulse {_FWHM * axial_sigma:.3g} mm long; give {remedy}"
+            f"depth_mm = {depth_mm:g} does not go with a pulse {FWHM * axial_sigma:.3g} mm long; give {remedy}"
         )
     least = 16 * int(np.ceil(depth_mm / (_FITTING * axial_sigma) / 16))
     most = 16 * int(depth_mm / (_FINEST * axial_sigma) / 16)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,12 +9,11 @@ from numpy.typing import NDArray
 
 from ..fields.grid_field import GridField
 from ..geometry import pose
-from .aimed import Aimed
-from .clutter import NO_CLUTTER
+from .aimed import Aimed, noise
 from .colour_flow import BoxScan, ColourFlow, autocorrelation, without_polynomial
 from .doppler import Doppler
 from .flow import Flow
-from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics, Scan, picture_plane
+from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics
 from .phantom import Phantom
 
 if TYPE_CHECKING:
@@ -37,8 +35,8 @@ class Pulse(NamedTuple):
 
     field: GridField
     needle: tuple[Floats, Floats]
-    noise: Floats
     noise_level: float
+    frame: int
 
 
 class BloodEchoes:
@@ -90,8 +88,7 @@ class BloodEchoes:
         return near
 
     def _seen(self, places: Array, probe_to_reference: Array, field: GridField) -> Array:
-        moved = places + field.displacement(places)
-        return self._optics.probe.beam_coordinates(pose.to_image(probe_to_reference, moved))
+        return self._optics.probe.beam_coordinates(pose.to_image(probe_to_reference, field.forward(places)))
 
     def _echoes(self, seen: Array, size: Array) -> Floats:
         r, line, elevation = seen.T
@@ -114,9 +111,10 @@ class SlowTime:
         self.doppler, self._probe, self._seed = doppler, probe, seed
         self.optics = Optics(doppler.beams(probe), _RAYS, _RAY_SAMPLES)
         self.blood = BloodEchoes(phantom, self.optics, seed)
-        scan = Scan.of(self.optics.probe, picture_plane(self.optics.probe, np.eye(4), (2, 2)))  # no one sees it
-        self._aimed = Aimed(self.optics, scan, margin_mm)
-        self._scan = BoxScan(doppler, probe, plane)
+        self._aimed = Aimed.unseen(self.optics, margin_mm)
+        self._scan = BoxScan(doppler, probe, self.optics.probe, plane)
+        self._outline = doppler.outline(probe)
+        self._filter = without_polynomial(doppler.ensemble, doppler.wall_filter)
 
     def moved(self) -> SlowTime:
         """Return the same for another pose."""
@@ -141,24 +139,20 @@ class SlowTime:
         times = time_s + np.arange(self.doppler.ensemble) / self.doppler.prf_hz
         blood = self.blood.heard(times, place, pulse.field, largest_mm)
         pulses = np.stack([self._heard(echoes, pulse, k) for k, echoes in enumerate(blood)])
-        estimate = autocorrelation(pulses, self.doppler.wall_filter, self.optics)
+        estimate = autocorrelation(pulses, self._filter, self.optics)
         least = self._least_power(pulse.noise_level)
         nyquist = self.doppler.nyquist_cm_s(self._probe)
         velocity = (np.angle(estimate.lag_one) * (nyquist / np.pi)).astype(np.float32)
         velocity[estimate.power < least] = np.nan
-        return ColourFlow(
-            velocity, self._scan.shown(estimate, least), self._scan.corner, nyquist,
-            self.doppler.outline(self._probe),
-        )  # fmt: skip
+        return ColourFlow(velocity, self._scan.shown(estimate, least), self._scan.corner, nyquist, self._outline)
 
     def _heard(self, blood: Floats, pulse: Pulse, number: int) -> NDArray[np.complex64]:
         echoes, shadow = pulse.needle
         size = 2 * self.optics.probe.lines * self.optics.probe.samples
-        start = number * 7919 * 2 % max(1, len(pulse.noise) - size)
-        iq, _, _ = self._aimed.plan.render(
-            pulse.field.along_axes, pulse.field.grid.spacing, np.concatenate([echoes, blood]), shadow, 0.5,
-            pulse.noise[start:], pulse.noise_level, self._no_offset, 60.0, *NO_CLUTTER,
-        )  # fmt: skip
+        tiles = noise(self._seed, (self.doppler.ensemble + 1) * size)  # of each pulse its own
+        start = 2 * (pulse.frame * 7919 % (size // 2)) + number * size
+        echoes = np.concatenate([echoes, blood])
+        iq = self._aimed.beams(pulse.field, echoes, shadow, tiles[start:], pulse.noise_level)
         heard: NDArray[np.complex64] = iq.view(np.complex64)[..., 0]
         return heard
 
@@ -167,9 +161,5 @@ class SlowTime:
         return float(np.sqrt(self.optics.speckle_power[0] / 2) * 10 ** ((noise_db - _LESS_NOISE_DB) / 20))
 
     def _least_power(self, noise_level: float) -> float:
-        kept = np.trace(without_polynomial(self.doppler.ensemble, self.doppler.wall_filter)) / self.doppler.ensemble
+        kept = np.trace(self._filter) / self.doppler.ensemble
         return float(2 * noise_level**2 * kept * 10 ** (self.doppler.threshold_db / 10))
-
-    @cached_property
-    def _no_offset(self) -> Floats:
-        return np.zeros(self.optics.probe.samples, np.float32)

@@ -21,7 +21,7 @@ from ..geometry.needle import Needle
 from ..geometry.volume import Volume
 from . import needle_synthesis
 from .acoustics import AcousticTissue
-from .aimed import Aimed
+from .aimed import Aimed, noise
 from .artefacts import HARMONIC_NOISE_DB, Artefacts
 from .bmode import BMode
 from .clutter import Clutter
@@ -214,20 +214,20 @@ class Scanner:
             grid_field, largest = self._still, 0.0
         self._look(grid_field, largest)
         echoes, shadow = self._seen(needles, self.optics, self.probe_to_reference)
-        noise = _noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
+        tiles = noise(self.seed, _NOISE_TILES * 2 * self.probe.lines * self.probe.samples)
         start = 2 * (frame * 7919 % ((_NOISE_TILES - 1) * self.probe.lines * self.probe.samples))
         colour, box = None, self._slow_time
         if box is not None and self._blood is not None:
             (blood,) = self._blood.heard(np.array([time_s]), self.probe_to_reference, grid_field, largest)
             in_box = self._seen(needles, box.optics, box.pose(self.probe_to_reference))
-            pulse = Pulse(grid_field, in_box, noise[start // 2 :], box.noise_level(self._noise_db))
+            pulse = Pulse(grid_field, in_box, box.noise_level(self._noise_db), frame)
             colour = box.flow(self._tissue, self.probe_to_reference, pulse, largest, time_s)
             echoes = np.concatenate([echoes, blood])
         iq, grey, picture = self._aimed.plan.render(
             grid_field.along_axes, grid_field.grid.spacing, echoes, shadow, needle_synthesis.SHADOW_SOFT_MM,
-            noise[start:], self._noise_level, self._offset_db, self.display.range_db,
+            tiles[start:], self._noise_level, self._offset_db, self.display.range_db,
             *self._clutter.heard(
-                self._tissue, self.probe_to_reference, grid_field, largest, (echoes, shadow), noise,
+                self._tissue, self.probe_to_reference, grid_field, largest, (echoes, shadow), tiles,
             ),
         )  # fmt: skip
         return BMode(
@@ -327,11 +327,6 @@ def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Need
 def _no_needle(probe: Probe) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     shadow = np.stack([np.full(probe.lines, 2 * probe.depth_mm), np.ones(probe.lines)]).astype(np.float32)
     return np.zeros((0, 4), np.float32), shadow
-
-
-@lru_cache(maxsize=2)
-def _noise(seed: int, size: int) -> NDArray[np.float32]:
-    return np.random.default_rng(seed).standard_normal(size, np.float32)
 
 
 def _largest(field: GridField) -> float:
