@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core, _memory
+from .. import _core
 from .._by_value import ByValue
 from .._shown import lengths, shown, size
 from ..geometry.label_map import LabelMap
@@ -26,9 +26,6 @@ from .scatterers import echo_scene
 Array = NDArray[np.float64]
 
 LARGEST_LABEL = 255
-
-_COUNTED = 1 << 16
-"""Voxels at once."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -76,7 +73,7 @@ class Phantom(ByValue):
             for label, tissue in tissues.items()
         }
         object.__setattr__(self, "tissues", known)
-        for label in (0, *self._present()):
+        for label in (0, *self.labels.present):
             if label not in known:
                 raise ValueError(
                     f"label {label} has no acoustic properties; name its tissue, one of {', '.join(sorted(TISSUES))}, "
@@ -166,42 +163,12 @@ class Phantom(ByValue):
     def _echoes(self) -> dict[str, Any]:
         return {}
 
-    def _present(self) -> list[int]:
-        """Labels that occur; counted part by part, since counting makes an eight-byte copy."""
-        flat = self.bytes.reshape(-1)
-        counts = sum(
-            (np.bincount(flat[k : k + _COUNTED], minlength=256) for k in range(0, flat.size, _COUNTED)),
-            np.zeros(256, np.int64),
-        )
-        return [int(label) for label in np.flatnonzero(counts)]
-
     def refined(self, spacing_mm: float) -> Phantom:
         """Return the same phantom on a finer lattice, its surfaces rounded instead of stepped.
 
         Each label's indicator is interpolated linearly, slightly smoothed, and the largest one wins.
         """
-        from scipy.ndimage import gaussian_filter, zoom
-
-        lattice = self.labels.lattice
-        factors = [max(1.0, h / spacing_mm) for h in lattice.spacing]
-        shape = [round((n - 1) * f) + 1 for n, f in zip(lattice.shape, factors, strict=True)]
-        _memory.refuse_beyond(9 * int(np.prod(shape)), f"spacing_mm = {spacing_mm}: the refined labels")
-        best, winner = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-        exact = [(m - 1) / (n - 1) for m, n in zip(shape, lattice.shape, strict=True)]
-        for label in self._present():
-            box = _bounding_box(self.bytes == label, margin=3)
-            soft = gaussian_filter((self.bytes[box] == label).astype(np.float32), 0.7)
-            start = [round(s.start * e) for s, e in zip(box, exact, strict=True)]
-            stop = [round((s.stop - 1) * e) + 1 for s, e in zip(box, exact, strict=True)]
-            size = [b - a for a, b in zip(start, stop, strict=True)]
-            fine = zoom(soft, [m / n for m, n in zip(size, soft.shape, strict=True)], order=1, grid_mode=False)
-            window = tuple(slice(a, a + n) for a, n in zip(start, fine.shape, strict=True))
-            wins = fine > best[window]
-            best[window][wins] = fine[wins]
-            winner[window][wins] = label
-        spacing = tuple(h * (n - 1) / (m - 1) for h, n, m in zip(lattice.spacing, lattice.shape, shape, strict=True))
-        finer = Volume(voxels=winner, spacing=spacing, origin=lattice.origin, direction=lattice.direction)
-        return Phantom(finer, self.tissues, flows=self.flows)
+        return Phantom(self.labels.refined(spacing_mm), self.tissues, flows=self.flows)
 
     def save(self, labels: str | PathLike[str], table: str | PathLike[str]) -> None:
         """Write the label map (``.seg.nrrd`` opens in 3D Slicer as a segmentation) and the acoustic table (CSV)."""
@@ -209,7 +176,7 @@ class Phantom(ByValue):
         image = to_sitk(
             Volume(voxels=self.bytes, spacing=lattice.spacing, origin=lattice.origin, direction=lattice.direction)
         )
-        present = [label for label in self._present() if label]
+        present = [label for label in self.labels.present if label]
         for number, label in enumerate(present):
             colour = np.random.default_rng(label).uniform(0.2, 0.95, 3)
             entries = {
@@ -235,11 +202,3 @@ def _named(label: int, name: str) -> AcousticTissue:
             f"label {label} is {name!r}, which has no acoustic properties; use one of {', '.join(sorted(TISSUES))}"
         )
     return TISSUES[name]
-
-
-def _bounding_box(mask: NDArray[np.bool_], margin: int) -> tuple[slice, ...]:
-    box = []
-    for axis in range(mask.ndim):
-        held = np.flatnonzero(mask.any(axis=tuple(a for a in range(mask.ndim) if a != axis)))
-        box.append(slice(max(0, held[0] - margin), min(mask.shape[axis], held[-1] + margin + 1)))
-    return tuple(box)
