@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from sonospline.fields import GridField
 from sonospline.geometry import Grid, facing
 from sonospline.geometry.volume import Volume
+from sonospline.phantoms import kidney_phantom
 from sonospline.ultrasound import Doppler, Flow, Phantom, Probe, Scanner
+from sonospline.ultrasound.acoustics import NO_ECHO
 from sonospline.ultrasound.colour_flow import NO_FLOW, autocorrelation, colours, without_polynomial
 from sonospline.ultrasound.optics import Optics
 
@@ -160,6 +162,23 @@ def test_off_not_a_bit_changes_and_on_blood_moves():
     assert (first.beams[:, row] != later.beams[:, row]).mean() > 0.9  # in the vessel
     assert (first.beams[:, row // 3] != later.beams[:, row // 3]).mean() < 0.02  # in the liver
     assert np.array_equal(on.with_doppler(None).render().iq, plain.iq)
+
+
+def test_of_two_vessels_the_one_with_flow_falls_silent():
+    phantom = vessel(radius=1.5)
+    voxels = phantom.bytes.copy()
+    voxels[:, :, 48:52] = 1
+    both = Phantom(Volume(voxels=voxels, spacing=(0.5,) * 3), phantom.tissues, flows=phantom.flows)
+    named = [both.still.tissues[both.still.bytes[30, 12, z]] for z in (28, 50)]
+    assert [(tissue.name, tissue.backscatter_db > NO_ECHO) for tissue in named] == [("blood", False), ("blood", True)]
+    assert phantom.still.labels is phantom.labels  # all of it flows
+
+
+def test_blood_flows_in_every_vessel_of_the_kidney():
+    phantom = kidney_phantom(spacing_mm=1.0).phantom
+    (blood,) = [label for label, tissue in phantom.tissues.items() if tissue.name == "blood"]
+    flowing = phantom.labels.connected(blood, [flow.middle for flow in phantom.flows])
+    assert len(phantom.flows) == 4 and np.array_equal(flowing, phantom.bytes == blood)
 
 
 def test_a_moved_scanner_shows_what_a_new_one_shows():

@@ -115,6 +115,26 @@ class LabelMap(Volume):
         labels = np.where(inside, self.voxels[tuple(nearest.T)], self.voxels.dtype.type(outside))
         return labels.reshape(shape)[()]
 
+    def connected(self, label: int, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return which voxels of a label are connected, face to face, to one of some world points (m, 3) in it.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from sonospline.geometry import LabelMap
+        >>> labels = LabelMap(voxels=np.array([[[1, 1, 0, 1]]], np.uint8), spacing=(1, 1, 1))
+        >>> labels.connected(1, [[0, 0, 0]]).ravel().tolist()
+        [True, True, False, False]
+        """
+        from scipy.ndimage import label as numbered
+
+        found = self.voxels == label
+        box = _bounding_box(found, margin=0)
+        parts, _ = numbered(found[box])
+        at = np.rint(self.index(np.asarray(points, float))).astype(int) - [side.start for side in box]
+        found[box] = np.isin(parts, parts[tuple(at.T)])
+        return found
+
     def refined(self, spacing_mm: float) -> LabelMap:
         """Return the labels on a finer lattice, their surfaces rounded instead of stepped.
 

@@ -37,6 +37,8 @@ LOW_MM, HIGH_MM = (-40.0, 0.0, 0.0), (200.0, 100.0, 130.0)
 BOX_MM = (180.0, 100.0, 120.0)
 """The mechanical box: wide enough for an oblique entry through the skin of the flank."""
 
+Point = tuple[float, float, float]
+
 _GEL, _SKIN, _FAT, _MUSCLE, _FASCIA, _BONE, _PERIRENAL, _CORTEX, _MEDULLA, _SINUS, _URINE, _BLOOD, _WALL = range(13)
 _PROBE_X, _PROBE_Y, _PUSH = 58.0, 50.0, 8.0
 _CENTRE = np.array([62.0, 50.0, 72.0])
@@ -50,8 +52,10 @@ _VESSELS = (
     ((5.0, -6.0, 16.0), (-14.0, -2.5, 7.5), (2.4, 1.5)), ((-6.0, 6.0, 34.0), (-5.0, 5.0, 14.0), (3.0, 2.2)),
 )  # fmt: skip
 """Artery, its two branches, and vein: ends outside the kidney and in it, and radii there."""
-_ARTERY_CM_S, _VEIN_CM_S = 50.0, 30.0
+_ARTERY_CM_S, _BRANCH_CM_S, _VEIN_CM_S = 50.0, 40.0, 30.0
 """In the middle of each, where it begins."""
+_BRANCH_FROM = 0.72
+"""Share of a branch's way that lies in the cortex, or nearly."""
 _STATIONS = (-33.0, -21.0, -8.0, 8.0, 33.0)
 _ROWS_DEG = (-62.0, 0.0, 62.0)
 
@@ -163,15 +167,23 @@ def world(local: tuple[float, ...]) -> NDArray[np.float64]:
 
 
 def flows() -> list[Flow]:
-    """Return what flows through the hilum: in through the artery, out through the vein."""
-    artery, *_, vein = [(_point(start), _point(end), radii) for start, end, radii in _VESSELS]
+    """Return what flows through hilum and sinus: in through the artery and its branches, out through the vein."""
+    artery, *branches, (out, inner, (wide, narrow)) = _VESSELS
+    courses = [(*artery, _ARTERY_CM_S), *((*_beyond_cortex(*branch), _BRANCH_CM_S) for branch in branches)]
+    courses.append((inner, out, (narrow, wide), _VEIN_CM_S))
     return [
-        Flow(start=artery[0], end=artery[1], radii_mm=artery[2], speed_cm_s=_ARTERY_CM_S),
-        Flow(start=vein[1], end=vein[0], radii_mm=vein[2][::-1], speed_cm_s=_VEIN_CM_S),
+        Flow(start=_point(start), end=_point(end), radii_mm=radii, speed_cm_s=speed)
+        for start, end, radii, speed in courses
     ]
 
 
-def _point(local: tuple[float, float, float]) -> tuple[float, float, float]:
+def _beyond_cortex(start: Point, end: Point, radii: tuple[float, float]) -> tuple[Point, Point, tuple[float, float]]:
+    """A branch of the artery from where it has left the cortex, which no vessel is painted over."""
+    x, y, z = (a + _BRANCH_FROM * (b - a) for a, b in zip(start, end, strict=True))
+    return (x, y, z), end, (radii[0] + _BRANCH_FROM * (radii[1] - radii[0]), radii[1])
+
+
+def _point(local: Point) -> Point:
     x, y, z = world(local).tolist()
     return x, y, z
 

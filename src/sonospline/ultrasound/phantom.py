@@ -106,13 +106,19 @@ class Phantom(ByValue):
 
     @cached_property
     def still(self) -> Phantom:
-        """The phantom with its flowing blood silent: that is heard by itself."""
-        silent = {
-            label: replace(self.tissues[label], backscatter_db=NO_ECHO) for label in map(self._label_in, self.flows)
-        }
-        other = object.__new__(Phantom)
-        other.__dict__.update(labels=self.labels, tissues={**self.tissues, **silent}, flows=())
-        return other
+        """The phantom with its flowing blood silent, which is heard by itself; a vessel without flow keeps its echo."""
+        voxels, tissues = self.bytes, dict(self.tissues)
+        for label in {self._label_in(flow) for flow in self.flows}:
+            middles = [flow.middle for flow in self.flows if self._label_in(flow) == label]
+            at_rest = (self.bytes == label) & ~self.labels.connected(label, middles)
+            if at_rest.any():
+                other = min(set(range(LARGEST_LABEL + 1)) - set(tissues), default=label)  # without one all are silent
+                voxels, tissues[other] = np.where(at_rest, np.uint8(other), voxels), tissues[label]
+            tissues[label] = replace(tissues[label], backscatter_db=NO_ECHO)
+        labels = self.labels if voxels is self.bytes else replace(self.labels, voxels=voxels)
+        still = object.__new__(Phantom)
+        still.__dict__.update(labels=labels, tissues=tissues, flows=())
+        return still
 
     def textured(self) -> Phantom:
         """Return the phantom with textures: fibrils, septa, portal triads, as each tissue's name has them."""
