@@ -17,10 +17,11 @@ class Stream(IntEnum):
     ANATOMY = 0
     VIEW = 1
     SAMPLE = 2
+    SPLIT = 9
 
 
-def stream(seed: int, of: Stream, number: int) -> Generator:
-    """Return the random numbers of one anatomy, view or sample: a function of the three alone.
+def stream(seed: int, of: Stream, *number: int) -> Generator:
+    """Return the random numbers of one anatomy, view or sample: a function of the seed and the rest alone.
 
     Counter-based (Philox, Salmon et al. 2011), keyed by a hash of seed and number (O'Neill's ``SeedSequence``).
 
@@ -30,7 +31,7 @@ def stream(seed: int, of: Stream, number: int) -> Generator:
     >>> stream(1, Stream.SAMPLE, 10**6).random() == stream(1, Stream.SAMPLE, 10**6).random()
     True
     """
-    return Generator(Philox(SeedSequence(seed, spawn_key=(int(of), number))))
+    return Generator(Philox(SeedSequence(seed, spawn_key=(int(of), *number))))
 
 
 def between(random: Generator, ends: tuple[float, float]) -> float:
@@ -60,4 +61,4 @@ def even(seed: int, number: int) -> float:
     while number:
         inverse += half * (number & 1)
         number, half = number >> 1, half / 2
-    return (inverse + float(np.random.Generator(Philox(SeedSequence(seed, spawn_key=(9,)))).random())) % 1.0
+    return (inverse + float(stream(seed, Stream.SPLIT).random())) % 1.0

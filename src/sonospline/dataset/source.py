@@ -19,11 +19,11 @@ from ..geometry.volume import Volume
 from ..io.records import FieldError
 from ..mechanics.material import Material
 from ..mechanics.membranes import Membrane
+from ..phantoms.drawn_block import BLOCK_MM, NAMES, VOXEL_MM, Block, acoustic_tissue
 from ..simulator.scene_content import SceneContent, read_content, scene_materials
-from ..simulator.scene_file import SceneFile
+from ..simulator.scene_file import NeedlePart, ProbePart, SceneFile, TissuePart
 from ..simulator.skin_frame import SkinFrame
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
-from .block import BLOCK_MM, NAMES, SCENE, VOXEL_MM, Block, acoustic_tissue, known_tissue
 from .draws import Array
 from .source_files import hash_of
 from .specification import SourcePart, Specification
@@ -32,6 +32,16 @@ from .warp import Warp
 _VOXEL_MM = 1.0
 _KEPT = 4
 """Sources that a process keeps between anatomies."""
+_BLOCK_SCENE = SceneFile(
+    name="Drawn block",
+    description="Layers over liver, with vessels and a tumour",
+    tissue=TissuePart(source="gel block", nodes=20_000),
+    needle=NeedlePart(length_mm=120.0),
+    probe=ProbePart(
+        kind="linear", name="L12-4 linear", frequency_mhz=7.5, depth_mm=50.0, focus_mm=25.0, right=(1.0, 0.0, 0.0)
+    ),
+)
+"""How a block is seen; what it is made of is drawn."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,10 +123,10 @@ class BlockSource(Source):
     @classmethod
     def made(cls) -> BlockSource:
         """Return the source of blocks."""
-        table = scene_materials(SCENE, Path())
-        tissues = {n: acoustic_tissue(name, TISSUES[known_tissue(name)]) for n, name in NAMES.items()}
+        table = scene_materials(_BLOCK_SCENE, Path())
+        tissues = {n: acoustic_tissue(name) for n, name in NAMES.items()}
         return cls(
-            scene=SCENE, hash=digest("block", 1), grid=Grid.covering(BLOCK_MM, nodes=SCENE.tissue.nodes),
+            scene=_BLOCK_SCENE, hash=digest("block", 1), grid=Grid.covering(BLOCK_MM, nodes=_BLOCK_SCENE.tissue.nodes),
             tissues={0: TISSUES["gel"], **tissues}, names={0: "gel", **NAMES},
             materials={n: table[name] for n, name in NAMES.items()},
         )  # fmt: skip

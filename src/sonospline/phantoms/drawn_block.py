@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -10,25 +10,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ..geometry.volume import Volume
-from ..simulator.scene_file import NeedlePart, ProbePart, SceneFile, TissuePart
-from ..ultrasound.acoustics import AcousticTissue
+from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.organs import tissue_of
-from .draws import Array, between
+
+Array = NDArray[np.float64]
 
 BLOCK_MM = (100.0, 70.0, 60.0)
 """Along the skin, across it, and down from it."""
 NAMES = {1: "skin", 2: "fat", 3: "fascia", 4: "muscle", 5: "liver", 6: "vessel wall", 7: "blood", 8: "tumour"}
-SCENE = SceneFile(
-    name="Drawn block",
-    description="Layers over liver, with vessels and a tumour",
-    tissue=TissuePart(source="gel block", nodes=20_000),
-    needle=NeedlePart(length_mm=120.0),
-    probe=ProbePart(
-        kind="linear", name="L12-4 linear", frequency_mhz=7.5, depth_mm=50.0, focus_mm=25.0, right=(1.0, 0.0, 0.0)
-    ),
-)
-"""How a block is seen; what it is made of is drawn."""
-
 VOXEL_MM = 0.7
 """Of a block that nobody asked for a voxel of."""
 
@@ -37,10 +26,9 @@ _TUMOUR_BELOW_LIVER_DB = 9.0
 _WALL_MM, _FASCIA_MM = 1.0, 1.2
 
 
-def acoustic_tissue(name: str, known: AcousticTissue) -> AcousticTissue:
-    """Return a block's tissue: a tumour is darker than the liver around it."""
-    from dataclasses import replace
-
+def acoustic_tissue(name: str) -> AcousticTissue:
+    """Return how a block's tissue is seen, by its name: a tumour is darker than the liver around it."""
+    known = TISSUES[tissue_of(name)]
     return replace(known, backscatter_db=-_TUMOUR_BELOW_LIVER_DB) if name == NAMES[_TUMOUR] else known
 
 
@@ -60,7 +48,7 @@ class Block:
     Examples
     --------
     >>> import numpy as np
-    >>> from sonospline.dataset.block import Block
+    >>> from sonospline.phantoms.drawn_block import Block
     >>> block = Block.drawn(np.random.default_rng(0))
     >>> sorted(block.targets), block.labels(2.0).voxels.shape
     (['tumour', 'vessel'], (51, 36, 31))
@@ -77,7 +65,7 @@ class Block:
     @classmethod
     def drawn(cls, random: Generator) -> Self:
         """Draw one."""
-        skin, fat, muscle = between(random, (1.2, 2.6)), between(random, (3, 12)), between(random, (4, 12))
+        skin, fat, muscle = random.uniform(1.2, 2.6), random.uniform(3, 12), random.uniform(4, 12)
         starts = np.cumsum([skin, fat, _FASCIA_MM, muscle, _FASCIA_MM])
         waves = np.column_stack(
             [
@@ -91,9 +79,7 @@ class Block:
         top = float(starts[-1])
         vessels = tuple(_drawn_tube(random, top) for _ in range(1 + int(random.integers(3))))
         axes = random.uniform(3.0, 7.5, 3)
-        middle = np.array(
-            [between(random, (35, 65)), between(random, (25, 45)), between(random, (top + 8, min(top + 24, 46)))]
-        )
+        middle = np.array([random.uniform(35, 65), random.uniform(25, 45), random.uniform(top + 8, min(top + 24, 46))])
         return cls(tuple(starts.tolist()), waves, vessels, (middle, axes))
 
     @property
@@ -126,17 +112,12 @@ class Block:
         return Volume(voxels=painted, spacing=(voxel_mm,) * 3)
 
 
-def known_tissue(name: str) -> str:
-    """Return the acoustic tissue that a block's name stands for."""
-    return tissue_of(name)
-
-
 def _drawn_tube(random: Generator, top: float) -> _Tube:
-    radius = between(random, (1.8, 3.6))
-    depth = between(random, (top + radius + 4, min(top + 28, 50)))
-    turn, rise = between(random, (0, np.pi)), between(random, (-0.2, 0.2))
+    radius = random.uniform(1.8, 3.6)
+    depth = random.uniform(top + radius + 4, min(top + 28, 50))
+    turn, rise = random.uniform(0, np.pi), random.uniform(-0.2, 0.2)
     along = np.array([np.cos(turn), np.sin(turn), rise])
-    at = np.array([between(random, (35, 65)), between(random, (25, 45)), depth])
+    at = np.array([random.uniform(35, 65), random.uniform(25, 45), depth])
     return _Tube(at, along / np.linalg.norm(along), radius)
 
 
