@@ -1,5 +1,8 @@
 """Data sets small enough to be made in a moment."""
 
+import numpy as np
+
+import sonospline as ss
 from sonospline.dataset import Specification
 
 SMALL = """
@@ -39,6 +42,14 @@ depth_mm = 30
 frequency_mhz = 4
 """
 """Of label maps, which each names its own."""
+
+
+def write_map(folder, name, skin):
+    """Write a label map of liver under so many voxels of skin, and the names of both."""
+    voxels = np.full((20, 16, 16), 2, np.uint8)
+    voxels[..., :skin] = 1
+    ss.write_volume(ss.Volume(voxels=voxels, spacing=(3, 3, 3)), folder / f"{name}.nii.gz")
+    (folder / f"{name}.csv").write_text("label,name\n1,skin\n2,liver\n")
 
 
 def small(form="zarr", **changed):

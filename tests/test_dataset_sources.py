@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sonospline as ss
-from small_datasets import PATIENTS_SCENE, SMALL
+from small_datasets import PATIENTS_SCENE, SMALL, write_map
 from sonospline.dataset import DataSet, Plan, Specification, World, make_dataset
 from sonospline.dataset.checking import check
 from sonospline.dataset.provenance import provenance
@@ -25,13 +25,6 @@ pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
 
 BLOCK = '[[sources]]\nkind = "block"'
 LABELS = '[[sources]]\nkind = "labels"\nfolder = "maps"\nscene = "scene.toml"\n[target]\ntissues = ["liver"]'
-
-
-def write_map(folder, name, skin):
-    voxels = np.full((20, 16, 16), 2, np.uint8)
-    voxels[..., :skin] = 1
-    ss.write_volume(ss.Volume(voxels=voxels, spacing=(3, 3, 3)), folder / f"{name}.nii.gz")
-    (folder / f"{name}.csv").write_text("label,name\n1,skin\n2,liver\n")
 
 
 @pytest.fixture
@@ -70,11 +63,15 @@ def test_every_file_of_a_scene_counts_and_no_name_does(tmp_path):
 
 
 def test_slices_of_a_series_count_however_it_is_named_and_others_beside_all_frames_do_not(tmp_path):
-    pytest.importorskip("pydicom", reason="needs the extra 'dicom'")
+    pydicom = pytest.importorskip("pydicom", reason="needs the extra 'dicom'")
     from dicom_files import places, write_enhanced, write_series
 
     axes, pixels = np.eye(3)[:2], np.zeros((3, 4, 5), np.int16)
     write_series(tmp_path / "series", pixels, places(3, axes), axes)
+    for file in (tmp_path / "series").iterdir():
+        with pydicom.dcmread(file) as slice_:
+            slice_.NumberOfFrames = 1
+            slice_.save_as(file)
     write_enhanced(tmp_path / "series.dcm", pixels, places(3, axes), axes)
     first, *_, last = sorted((tmp_path / "series").iterdir())
 
@@ -86,6 +83,9 @@ def test_slices_of_a_series_count_however_it_is_named_and_others_beside_all_fram
     last.write_bytes(last.read_bytes() + b"  ")
     (tmp_path / "other.dcm").write_bytes(b"other")
     assert [one == two for one, two in zip(before, hashes(), strict=True)] == [False, False, True]
+    before = hashes()
+    (tmp_path / "series.csv").write_text("label,name\n1,skin\n")
+    assert [one == two for one, two in zip(before, hashes(), strict=True)] == [False, True, False]
 
 
 def test_the_folder_of_a_specification_goes_with_it_and_another_one_changes_none(asked, tmp_path):

@@ -6,8 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-import sonospline as ss
-from small_datasets import PATIENTS_SCENE, SMALL
+from small_datasets import PATIENTS_SCENE, SMALL, write_map
 from sonospline import cli
 from sonospline.commands import _rate
 from sonospline.dataset import DataSet, Specification, make_dataset
@@ -54,11 +53,8 @@ def test_label_maps_of_patients_are_known_by_their_hashes(tmp_path):
     pytest.importorskip("SimpleITK", reason="needs the extra 'io'")
     folder = tmp_path / "patients"
     folder.mkdir()
-    for number, patient in enumerate(("Jane_Doe", "John_Doe")):
-        voxels = np.full((20, 16, 16), 2, np.uint8)
-        voxels[..., : 2 + number] = 1
-        ss.write_volume(ss.Volume(voxels=voxels, spacing=(3, 3, 3)), folder / f"{patient}.nii.gz")
-        (folder / f"{patient}.csv").write_text("label,name\n1,skin\n2,liver\n")
+    for skin, patient in enumerate(("Jane_Doe", "John_Doe"), 2):
+        write_map(folder, patient, skin)
     (tmp_path / "scene.toml").write_text(PATIENTS_SCENE)
     (tmp_path / "asked.toml").write_text(
         SMALL.replace('[[sources]]\nkind = "block"', PATIENTS).replace("shard = 2", "")

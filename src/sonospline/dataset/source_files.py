@@ -8,8 +8,7 @@ from pathlib import Path
 import msgspec
 
 from .._digest import digest, digest_of_bytes
-from .._extras import require
-from ..io.dicom_slices import is_dicom
+from ..io.dicom_slices import frames_of, header_of, is_dicom
 from ..io.headers import HeaderError, read_header
 from ..io.labels import names_beside
 from ..simulator.scene_file import SceneFile
@@ -24,7 +23,7 @@ def files_of(scene: SceneFile, folder: Path) -> dict[str, list[Path]]:
     part = scene.tissue
     named = {key: folder / getattr(part, key) for key in _KEYS if getattr(part, key) is not None}
     found = {key: list(_of_image(path) if key in ("file", "ct") else [path]) for key, path in named.items()}
-    if part.source == "labels" and part.names is None and not is_dicom(named["file"]):
+    if part.source == "labels" and part.names is None:
         beside = names_beside(named["file"])
         found["names"] = [beside] if beside.exists() else []
     return found
@@ -60,11 +59,8 @@ def _of_image(path: Path) -> Iterator[Path]:
 
 
 def _has_all_frames(path: Path) -> bool:
-    pydicom = require("pydicom")
-    try:
-        return "NumberOfFrames" in pydicom.dcmread(path, stop_before_pixels=True, specific_tags=["NumberOfFrames"])
-    except pydicom.errors.InvalidDicomError:
-        return True
+    header = header_of(path)
+    return header is None or frames_of(header) > 1
 
 
 def _hash(key: str, path: Path) -> str:

@@ -91,10 +91,10 @@ def series_of(path: Path, where: str) -> Series:
     if path.is_dir():
         files = _files(path, where)
     else:
-        own = _header(path)
+        own = header_of(path)
         if own is None:
             raise ValueError(f"{where} is no DICOM file that can be read; give an image in DICOM, or {REMEDY}")
-        files = [path] if _count(own) > 1 else _files(path.parent, where, deep=False)
+        files = [path] if frames_of(own) > 1 else _files(path.parent, where, deep=False)
     found = _all_series(files, None if own is None else _uid(own), where)
     found.sort(key=lambda series: (-len(series.slices), series.name))
     if not found or len(found[0].slices) < 2:
@@ -128,7 +128,7 @@ def _files(folder: Path, where: str, *, deep: bool = True) -> list[Path]:
     return sorted(found)
 
 
-def _header(file: Path) -> Any | None:
+def header_of(file: Path) -> Any | None:
     """What a file says, without its pixels; None of one that is not DICOM, or is cut before them."""
     pydicom = require("pydicom")
     try:
@@ -154,7 +154,7 @@ def _all_series(files: list[Path], uid: str | None, where: str) -> list[Series]:
     """All that the files hold, of one series alone where its UID is given."""
     found: dict[tuple[str, tuple[int, int]], list[Series]] = defaultdict(list)
     for file in files:
-        header = _header(file)
+        header = header_of(file)
         if header is None and _begins_as_one(file):
             raise ValueError(f"{where}: {file.name} is cut or damaged; copy it anew, or take it out of its folder")
         if header is None or (uid is not None and _uid(header) != uid):
@@ -168,7 +168,7 @@ def _all_series(files: list[Path], uid: str | None, where: str) -> list[Series]:
     return [series for known in found.values() for series in known]
 
 
-def _count(header: Any) -> int:
+def frames_of(header: Any) -> int:
     """How many frames a file has."""
     return int(header.get("NumberOfFrames", 1) or 1)
 
@@ -192,7 +192,7 @@ def _slices(file: Path, header: Any) -> list[Slice]:
         if int(header.get("SamplesPerPixel", 1)) != 1:
             return []
         shape = (int(header.Rows), int(header.Columns))
-        return [_slice(file, header, number, shape) for number in range(_count(header))]
+        return [_slice(file, header, number, shape) for number in range(frames_of(header))]
     except Exception:  # whatever a header leaves out, or holds instead
         return []
 
