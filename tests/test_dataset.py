@@ -280,7 +280,7 @@ def test_splits_are_even_for_every_count():
 
 def test_streams_are_apart():
     first = {stream(7, of, number).random() for of in Stream for number in range(50)}
-    assert len(first) == 150
+    assert len(first) == 50 * len(Stream)
     assert stream(8, Stream.SAMPLE, 3).random() not in first
 
 
@@ -291,7 +291,7 @@ def test_streams_are_apart():
         ("[needle]\nangle_deg = [2, 30]", r"needle.angle_deg\[0\] = 2 is out of range; give a number from 5 to 90"),
         ("[needle]\nangel_deg = [2, 30]", "needle.angel_deg is not known; use"),
         ("[split]\ntrain = 0.9", "train \\+ validation \\+ test = 1.1; give shares that add up to 1"),
-        ("[[sources]]\nkind = 'scene'", "scene is missing; give kidney, gel, cube or a scene file"),
+        ("[[sources]]\nkind = 'scene'", "scene is missing; give kidney, kidney-wide, gel, cube or a scene file"),
         ("[[sources]]\nkind = 'labels'\nscene = 'a.toml'", "folder is missing"),
         ("[[sources]]\nkind = 'block'\nscene = 'gel'", "is not for a block, which is drawn"),
     ],

@@ -10,6 +10,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from ..simulator.shipped import SHIPPED
+
 HELP = "serve a simulated ultrasound scanner and tracker on OpenIGTLink, without a page"
 EXAMPLES = """examples:
   sonospline link                                  # kidney access on port 18944; Ctrl-C ends it
@@ -22,7 +24,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help="kidney, gel, cube, or a scene file")
+    parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help=f"{', '.join(SHIPPED)}, or a scene file")
     parser.add_argument("--model", metavar="NAME", help="which model of tissue answers (as the scene says)")
     parser.add_argument("--port", type=int, default=18944, help="port (18944; 0 for any free one)")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (127.0.0.1: this machine alone)")

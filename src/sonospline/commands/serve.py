@@ -12,6 +12,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..simulator.shipped import SHIPPED
+
 if TYPE_CHECKING:
     from ..link.page_link import PageLink
 
@@ -33,7 +35,7 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     what = parser.add_argument_group("scene (by default access to the kidney)")
-    what.add_argument("--scene", metavar="NAME|FILE", help="kidney, kidney-wide, gel, cube, or a scene file (.toml)")
+    what.add_argument("--scene", metavar="NAME|FILE", help=f"{', '.join(SHIPPED)}, or a scene file (.toml)")
     what.add_argument("--labels", type=Path, metavar="FILE", help="a label map of your own")
     what.add_argument("--names", type=Path, metavar="CSV", help="names of its labels (beside it, .csv)")
     what.add_argument("--ct", type=Path, metavar="FILE", help="CT of the same patient, in which the skin is found")
@@ -176,7 +178,6 @@ def _leave(code: int) -> None:
 def _catalog(args: argparse.Namespace) -> Any:
     from .. import simulator
     from ..server.scene_catalog import Entry, SceneCatalog
-    from ..simulator.shipped import SHIPPED
 
     exercises = _exercises(args)
     given = [name for name in ("scene", "labels", "volume") if getattr(args, name) is not None]

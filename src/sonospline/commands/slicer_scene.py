@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..simulator.shipped import SHIPPED
+
 HELP = "write a scene of 3D Slicer, and a device set of PLUS, for what sonospline link sends"
 EXAMPLES = """examples:
   sonospline slicer-scene --out out                              # out/sonospline.mrb, for sonospline link
@@ -17,7 +19,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help="kidney, gel, cube, or a scene file")
+    parser.add_argument("--scene", default="kidney", metavar="NAME|FILE", help=f"{', '.join(SHIPPED)}, or a scene file")
     parser.add_argument("--names", type=Path, metavar="FILE", help="device names and rate, as of sonospline link")
     parser.add_argument("--host", default="localhost", help="where sonospline link runs (localhost)")
     parser.add_argument("--port", type=int, default=18944, help="its port (18944)")

@@ -14,6 +14,7 @@ from ..io.files import read_text
 from ..io.records import LONGEST_LIST, FieldError, Record, Text, about, read, schema
 from ..simulator.model_part import ModelPart
 from ..simulator.scene_file import Look, parsed
+from ..simulator.shipped import SHIPPED
 
 Names = Annotated[tuple[Text, ...], Meta(max_length=LONGEST_LIST)]
 """Patterns of names; * stands for anything."""
@@ -56,7 +57,7 @@ class SourcePart(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.kind == "scene" and self.scene is None:
-            raise FieldError(("scene",), "is missing; give kidney, gel, cube or a scene file")
+            raise FieldError(("scene",), f"is missing; give {', '.join(SHIPPED)} or a scene file")
         if self.kind == "labels" and (self.folder is None or self.scene is None):
             missing = "folder" if self.folder is None else "scene"
             raise FieldError((missing,), "is missing; labels have a folder and a scene file that they are seen with")
