@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -146,7 +146,12 @@ def second_order(values: ArrayLike) -> Array:
 def multiplied(constant: NeedleTissueModel, logarithms: ArrayLike) -> NeedleTissueModel:
     """Return a model with each of the seven multiplied, by no more than :data:`LARGEST` allows."""
     factors = np.exp(np.clip(np.asarray(logarithms, float), -LARGEST, LARGEST))
-    found = {name: getattr(constant, name) * factor for name, factor in zip(TUNED, factors.tolist(), strict=True)}
+    return of_seven([getattr(constant, name) * factor for name, factor in zip(TUNED, factors.tolist(), strict=True)])
+
+
+def of_seven(values: Sequence[float]) -> NeedleTissueModel:
+    """Return the model whose :data:`TUNED` have some values."""
+    found = dict(zip(TUNED, values, strict=True))
     return NeedleTissueModel(**found, shaft_radius=round(TRUNCATION * found["shaft_decay"], 12))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _validate
-from ..mechanics.amortised import TRUNCATION
+from ..mechanics.amortised import TUNED, of_seven
 from ..mechanics.interaction import NeedleTissueModel
 from ..models.spline.insertion import Insertion
 from .metrics import Errors, mean_errors
@@ -27,15 +27,11 @@ class Tunable(NamedTuple):
     high: float
 
 
-TUNABLES = (
-    Tunable("shaft_displacement", "f_max", 0.0, 0.05),
-    Tunable("shaft_pull", "gamma_max", 0.0, 0.01),
-    Tunable("shaft_decay", "sigma_s", 0.05, 0.30),
-    Tunable("pull_decay", "sigma_c", 0.01, 0.30),
-    Tunable("tip_displacement", "sigma_tip", 0.0, 0.05),
-    Tunable("tip_radius", "r_tip", 0.01, 0.12),
-    Tunable("tip_length", "l_tip", 0.01, 0.20),
-)
+_SEARCHED = (
+    ("f_max", 0.0, 0.05), ("gamma_max", 0.0, 0.01), ("sigma_s", 0.05, 0.30), ("sigma_c", 0.01, 0.30),
+    ("sigma_tip", 0.0, 0.05), ("r_tip", 0.01, 0.12), ("l_tip", 0.01, 0.20),
+)  # fmt: skip
+TUNABLES = tuple(Tunable(name, *range_) for name, range_ in zip(TUNED, _SEARCHED, strict=True))
 """The seven parameters of Table I; delta follows sigma_s. An optimum at a bound is no optimum: look at them."""
 
 
@@ -51,8 +47,7 @@ def model_of(design: ArrayLike, side: float = 1.0) -> NeedleTissueModel:
     values = np.asarray(design, float)
     if values.shape != (len(TUNABLES),):
         raise ValueError(f"design has shape {values.shape}; give the {len(TUNABLES)} numbers of TUNABLES")
-    named = dict(zip((tunable.name for tunable in TUNABLES), values.tolist(), strict=True))
-    return NeedleTissueModel(**named, shaft_radius=round(TRUNCATION * named["shaft_decay"], 12)).scaled(side)
+    return of_seven(values.tolist()).scaled(side)
 
 
 @dataclass(frozen=True, eq=False)
