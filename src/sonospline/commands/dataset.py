@@ -102,10 +102,9 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _report(made: Any, out: str) -> dict[str, Any]:
-    hash_ = DataSet(out).manifest["hash"]
     return {
-        "out": out, "samples": made.samples, "made": made.made, "bytes_a_sample": made.bytes_a_sample, "hash": hash_,
-        "failed": {str(index): reason for index, reason in made.failed.items()},
+        "out": out, "samples": made.samples, "made": made.made, "bytes_a_sample": made.bytes_a_sample,
+        "hash": made.hash, "failed": {str(index): reason for index, reason in made.failed.items()},
     }  # fmt: skip
 
 

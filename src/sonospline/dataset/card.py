@@ -87,17 +87,23 @@ def _limits(data: DataSet) -> Iterator[str]:
 
 def picture(data: DataSet) -> bytes:
     """Return a picture of some samples: images above, and what is true of them below."""
-    rows = [row["index"] for row in data.rows(columns=["needle_px"]) if row["needle_px"]] or [
-        row["index"] for row in data.rows(columns=[])
-    ]
-    if not rows:
+    chosen = _chosen(data)
+    if not chosen:
         return png(np.zeros((1, 1), np.uint8))
-    count = min(_SHOWN, len(rows))
-    chosen = [rows[k * len(rows) // count] for k in range(count)]
     columns = [_column(data, index) for index in chosen]
     gap = np.full((columns[0].shape[0], _GAP, 3), 255, np.uint8)
     parts = [part for column in columns for part in (column, gap)][:-1]
     return png(np.ascontiguousarray(np.concatenate(parts, axis=1)))
+
+
+def _chosen(data: DataSet) -> list[int]:
+    """Samples from all over, each the first one from there to the end of its shard in which the needle is seen."""
+    found: list[int] = []
+    for first in range(0, len(data), -(-len(data) // _SHOWN)):
+        rows = [row for row in data.sound_rows(first // data.specification.shard) if row["index"] >= first]
+        rows = [row for row in rows if row["index"] not in found]
+        found += [row["index"] for row in sorted(rows, key=lambda row: not row["needle_px"])[:1]]
+    return found
 
 
 def _column(data: DataSet, index: int) -> NDArray[np.uint8]:

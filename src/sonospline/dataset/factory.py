@@ -39,6 +39,8 @@ class Made:
     """Samples of this run; the others were there."""
     bytes: int
     """Of all shards."""
+    hash: str
+    """Of all their files, as the manifest has it."""
 
     @property
     def bytes_a_sample(self) -> float:
@@ -114,7 +116,7 @@ def make_dataset(
         made_by = provenance() if at is None else made_on(at)
         if recipes is not None:
             _check_recipes(recipes, sources, made_by)
-        _claim(place, plan, labels, sources, made_by)
+        claimed = _claim(place, plan, labels, sources, made_by)
         beams = _beams(plan)
         job = Job(plan=plan, place=place, labels=labels, sources=sources, made_by=made_by, beams=beams, recipes=recipes)
         place.remove_partial()
@@ -125,11 +127,10 @@ def make_dataset(
             receipts[receipt.shard] = receipt
             count.add(receipt)
             _stop_where_all_fail(list(receipts.values()), asked.shards)
-    finish(job, [receipts[shard] for shard in range(asked.shards)])
-    failed = {index: reason for shard in range(asked.shards) for index, reason in receipts[shard].failed.items()}
+    manifest = finish(job, claimed, [receipts[shard] for shard in range(asked.shards)])
     return Made(
-        samples=asked.samples, failed=failed, made=sum(len(job.numbers(shard)) for shard in missing),
-        bytes=sum(receipt.bytes for receipt in receipts.values()),
+        samples=asked.samples, failed=manifest["failed"], made=sum(len(job.numbers(shard)) for shard in missing),
+        bytes=manifest["bytes"], hash=manifest["hash"],
     )  # fmt: skip
 
 
@@ -185,8 +186,8 @@ def _check_recipes(recipes: Store, sources: Mapping[Origin, str], made_by: Prove
 
 def _claim(
     place: Store, plan: Plan, labels: dict[str, int], sources: Mapping[Origin, str], made_by: Provenance
-) -> None:
-    """Write the plan, or check that the one that is there is this one."""
+) -> dict[str, Any]:
+    """Write the plan, or check that the one that is there is this one; return it."""
     asked = {
         "format": FORMAT, "format_version": FORMAT_VERSION, "specification": plan.asked.as_table(),
         "digest": plan.asked.digest, "sources": digest(list(sources.values())), "labels": labels,
@@ -198,7 +199,7 @@ def _claim(
         if place.names(""):
             raise ValueError(f"out = {place.address!r} holds other files; give a new folder, or one of this data set")
         place.write(PLAN, json.dumps(asked, indent=1, sort_keys=True).encode())
-        return
+        return asked
     found = _read_plan(place)
     if found["digest"] != asked["digest"]:
         raise ValueError(f"out = {place.address!r} holds another data set; give a new folder, or its specification")
@@ -207,6 +208,7 @@ def _claim(
     differs = difference(found["made_by"], made_by)
     if differs:
         raise ValueError(f"out = {place.address!r} was begun elsewhere: here {differs}; go on there, or begin anew")
+    return found
 
 
 def _read_plan(place: Store) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .._digest import digest
 from .card import card, picture
 from .croissant import croissant
-from .layout import CARD, CROISSANT, MANIFEST, PICTURES, PLAN
+from .layout import CARD, CROISSANT, MANIFEST, PICTURES
 from .reader import DataSet
 from .shard import Job, Receipt
 from .zarr_form import metadata
@@ -18,10 +18,16 @@ from .zarr_form import metadata
 _PICTURE = f"{PICTURES}/samples.png"
 
 
-def finish(job: Job, receipts: Sequence[Receipt]) -> None:
-    """Write what makes shards a data set; the manifest that names them is last but for what describes it."""
+def finish(job: Job, plan: Mapping[str, Any], receipts: Sequence[Receipt]) -> dict[str, Any]:
+    """Write what makes shards a data set; the manifest that names them is last but for what describes it.
+
+    Returns
+    -------
+    dict
+        The manifest.
+    """
     asked = job.plan.asked
-    manifest = _manifest(job, receipts)
+    manifest = _manifest(job, plan, receipts)
     if asked.storage.form == "zarr":
         about = {"name": asked.name, "labels": dict(job.labels), "licence": asked.licence}
         for name, content in metadata(job.forms, asked.samples, asked.shard, about).items():
@@ -33,11 +39,11 @@ def finish(job: Job, receipts: Sequence[Receipt]) -> None:
     if shown is not None:
         job.place.write(_PICTURE, shown)
     job.place.write(CARD, card(data, None if shown is None else _PICTURE).encode())
+    return manifest
 
 
-def _manifest(job: Job, receipts: Sequence[Receipt]) -> dict[str, Any]:
+def _manifest(job: Job, plan: Mapping[str, Any], receipts: Sequence[Receipt]) -> dict[str, Any]:
     asked = job.plan.asked
-    plan = json.loads(job.place.read(PLAN))
     failed = {index: reason for receipt in receipts for index, reason in receipt.failed.items()}
     splits = Counter[str]()
     for anatomy in range(asked.anatomies):

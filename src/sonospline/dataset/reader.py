@@ -106,9 +106,12 @@ class DataSet:
         self._check_split(split)
         wanted = None if columns is None else list(dict.fromkeys(["index", "split", "failed", *columns]))
         for shard in range(self.specification.shards):
-            for row in read_rows(self.store.read(table_name(shard)), wanted):
-                if row["failed"] is None and split in (None, row["split"]):
-                    yield row
+            rows = read_rows(self.store.read(table_name(shard)), wanted)
+            yield from (row for row in rows if row["failed"] is None and split in (None, row["split"]))
+
+    def sound_rows(self, shard: int) -> list[dict[str, Any]]:
+        """Return the rows of a shard, without those that failed."""
+        return [row for row in self._table(shard) if row["failed"] is None]
 
     def shard(self, number: int) -> Arrays:
         """Return the arrays of a shard as they are stored, samples along the first axis; see :attr:`forms`.
