@@ -1,7 +1,5 @@
 """Table I's seven parameters by site, direction and depth."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 
@@ -75,7 +73,7 @@ def test_drawn_insertions_enter_every_face_and_depend_on_the_seed_alone():
     few, many = (amortising.drawn_insertions(count, seed=3, side=9) for count in (4, 12))
     assert [one.plan for one in few] == [one.plan for one in many[:4]]
     assert {one.tissue.entry_face for one in many} == set(ss.FACES)
-    assert max(one.plan.angle for one in many) <= 45 < amortising.HELD_OUT_SEED
+    assert max(one.plan.angle for one in many) <= amortising.STEEPEST_DEG
     assert amortising.drawn_insertions(1, seed=4, side=9)[0].plan.target != few[0].plan.target
 
 
@@ -90,19 +88,15 @@ def test_learning_undoes_a_bad_constant_and_tells_sites_apart():
     for sample in samples:
         vars(sample)["expected"] = np.float32(sample.field(truth(sample)))
     found = amortising.learn(samples, ridge=1e-6, rounds=3)
-    errors = amortising.compare(
-        samples, {"tuned": lambda tissue, needle: tuned, "learnt": found.model, "zero": lambda *_: tuned}
-    )
-    assert errors["tuned"] == errors["zero"]
+    errors = amortising.compare(samples, {"tuned": lambda tissue, needle: tuned, "learnt": found.model})
     assert errors["learnt"].relative < 0.2 * errors["tuned"].relative
 
 
-def test_a_fit_to_one_insertion_is_never_worse_than_its_start():
+def test_a_fit_to_one_insertion_is_better_than_its_start():
     sample, tuned = amortising.drawn_insertions(1, seed=6, side=9)[0], NeedleTissueModel.tuned()
     before = displacement_errors(sample.field(tuned), sample.expected).relative
     alone = amortising.fitted_alone(sample, tuned, evaluations=60)
-    assert sample.errors(alone).relative <= before
-    assert asdict(alone) != asdict(tuned)
+    assert sample.errors(alone).relative < before
 
 
 @pytest.mark.slow

@@ -163,7 +163,7 @@ def test_a_probe_is_brought_over_needle_and_target(navigation):
     for place in (frame.target_now, frame.tip):
         away, half_slice = frame.out_of_plane(place)
         assert abs(away) <= half_slice
-    assert frame.needle.depth < frame.readouts.tip_to_target + frame.needle.depth
+    assert frame.readouts.tip_to_target > 5, "the needle is part of the way in"
     assert frame.readouts.moved > 0.1, "the needle has moved the target"
 
 
