@@ -98,7 +98,7 @@ def textures() -> None:
 
 
 def wide_kidney() -> None:
-    """Across the kidney with nothing around it, and with its neighbours; and where the pleura begins."""
+    """Across and along the kidney with nothing around it, and with its neighbours; and where the pleura begins."""
     across = facing((62, 58, 8), depth=(0, 0, 1), right=(0, 1, 0))
     wide = wide_kidney_phantom().phantom
     seen = [
@@ -106,6 +106,11 @@ def wide_kidney() -> None:
         for phantom in (kidney_phantom().phantom, wide.textured())
     ]
     pair(*seen, "ultrasound_kidney_wide.png")
+    medulla = [
+        Scanner(phantom, Probe.curvilinear(), kidney_phantom().probe_to_reference, **REAL).render().frame
+        for phantom in (kidney_phantom().phantom, wide.textured())
+    ]
+    pair(*medulla, "ultrasound_medulla.png")
     cranial = facing((6, 50, 2), depth=(0, 0, 1), right=(-1, 0, 0))
     pleura = [
         Scanner(phantom, Probe.curvilinear(depth_mm=125), cranial, **REAL).render().frame

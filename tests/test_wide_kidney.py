@@ -12,6 +12,7 @@ from sonospline.phantoms.wide_kidney import LABELS
 from sonospline.ultrasound import Artefacts, Probe, Scanner
 
 LIVER, BOWEL, GAS, LUNG, BONE, URINE = 13, 14, 15, 16, 5, 10
+CORTEX, MEDULLA, SINUS = 7, 8, 9
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +35,22 @@ def test_the_kidney_is_the_same(wide, narrow):
     shift = np.rint((narrow.phantom.labels.origin - wide.phantom.labels.origin) / 2).astype(int)
     shape = narrow.phantom.bytes.shape
     part = wide.phantom.bytes[tuple(slice(s, s + n) for s, n in zip(shift, shape, strict=True))]
-    inside = np.isin(narrow.phantom.bytes, (7, 8, 9, 11, 12))
     part = part[:, :, : shape[2]][tuple(slice(0, n) for n in part.shape)]
-    inside = inside[tuple(slice(0, n) for n in part.shape)]
-    same = part[inside] == narrow.phantom.bytes[tuple(slice(0, n) for n in part.shape)][inside]
-    assert same.mean() > 0.995  # the ureter leaves through the hilum
+    kidney = narrow.phantom.bytes[tuple(slice(0, n) for n in part.shape)]
+    inside = np.isin(kidney, (CORTEX, MEDULLA, 9, 11, 12))
+    same = part[inside] == kidney[inside]
+    pyramids = (kidney == CORTEX) & (part == MEDULLA)
+    assert same.mean() + pyramids[inside].mean() > 0.995  # the ureter leaves through the hilum
     for name, at in narrow.targets.items():
         assert np.array_equal(wide.targets[name], at)
+
+
+def test_medulla_lies_on_both_sides_of_the_sinus(wide, narrow):
+    deeper = [
+        (places(phantom, MEDULLA)[:, 2] > places(phantom, SINUS)[:, 2].mean() + 5).mean()
+        for phantom in (narrow.phantom, wide.phantom)
+    ]
+    assert deeper[0] == 0 and 0.1 < deeper[1] < 0.4
 
 
 def test_it_is_wide_and_its_neighbours_are_where_an_access_meets_them(wide):

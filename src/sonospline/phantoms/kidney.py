@@ -284,7 +284,7 @@ def _paint_kidney(canvas: Canvas) -> None:
     canvas.paint(_CORTEX, low, high, lambda x, y, z: level_at(x, y, z) < level_of(1 - 0.6 / 24))
     for station in _STATIONS:
         for row in _ROWS_DEG:
-            _paint_pyramid(canvas, station, np.radians(row))
+            paint_pyramid(canvas, station, row)
     notch = world((0.0, 0.0, 25.0))
 
     def hilum(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
@@ -294,9 +294,12 @@ def _paint_kidney(canvas: Canvas) -> None:
     canvas.paint(_SINUS, notch - 15, notch + 15, hilum, over=(_CORTEX, _MEDULLA, _FASCIA))
 
 
-def _paint_pyramid(canvas: Canvas, station: float, row: float) -> None:
-    """A cone with its apex on the sinus and its base under the cortex; those near the poles lean outward."""
-    lean = np.radians(0.9 * station)
+def paint_pyramid(canvas: Canvas, station: float, row_deg: float) -> None:
+    """Paint a cone with its apex on the sinus and its base under the cortex; those near the poles lean outward.
+
+    Its station is along the kidney; its row turns about it: 0 points to the flank, 180 to the side of the hilum.
+    """
+    lean, row = np.radians(0.9 * station), np.radians(row_deg)
     axis = np.array([np.sin(lean), np.cos(lean) * np.sin(row), -np.cos(lean) * np.cos(row)])
     apex = np.array([0.8 * station, 8.5 * np.sin(row), 2 - 6.5 * np.cos(row)])
     middle = world(tuple(apex + 9 * axis))

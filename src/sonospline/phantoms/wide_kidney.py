@@ -29,6 +29,8 @@ _COLON_MM, _COLON_WALL_MM = 14.0, 2.5
 _DIAPHRAGM_MM = 3.0
 _URETER = ((0.0, 0.0, 24.0), (16.0, -4.0, 26.5), (45.0, -10.0, 31.0), (150.0, -24.0, 49.0))
 """From the pelvis along the psoas, in the kidney's frame."""
+_FAR_PYRAMIDS = ((-29.0, 180.0), (-16.0, 180.0), (16.0, 180.0), (29.0, 180.0))
+"""Station and row of those on the side of the hilum, above and below it: medulla lies on both sides of the sinus."""
 
 
 def wide_kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: bool = False) -> kidney.KidneyPhantom:
@@ -66,6 +68,8 @@ def wide_kidney_phantom(*, spacing_mm: float = 0.5, pressed: bool = True, kept: 
 
 def _paint(canvas: Canvas, *, pressed: bool) -> None:
     kidney.paint(canvas, pressed=pressed)
+    for station, row_deg in _FAR_PYRAMIDS:
+        kidney.paint_pyramid(canvas, station, row_deg)
     _paint_spine(canvas)
     _paint_liver(canvas)
     _paint_lung(canvas)
