@@ -37,7 +37,7 @@ class Lab(Running):
 
     def made(self, catalog, **options):
         self.course = Course(catalog, self.store, stations=self._stations, name="Tuesday", keeps_recordings=True)
-        return LabServer(self.course, results=str(self.results), **options)
+        return LabServer(self.course, **options)
 
     def stop(self):
         super().stop()

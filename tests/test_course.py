@@ -4,6 +4,7 @@ import asyncio
 import threading
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -19,10 +20,10 @@ from sonospline.course import door as doors
 from sonospline.course import schema
 from sonospline.course.keeper import Keeper
 from sonospline.course.trainer_connection import TrainerConnection
-from sonospline.course.trainer_messages import parse
+from sonospline.course.trainer_messages import KINDS
 from sonospline.lab.database import LabDatabaseError
 from sonospline.server import wire
-from sonospline.server.client_messages import MessageError
+from sonospline.server.client_messages import MessageError, parse
 from sonospline.server.outbox import Outbox
 
 
@@ -199,6 +200,7 @@ def test_ten_wrong_tokens_lock_the_trainer_s_door_and_let_nothing_in(lab, monkey
             with pytest.raises(InvalidStatus), Trainer(lab, "guess"):
                 pass
         assert lab.get("/trainer") == (403, doors.LOCKED)
+        assert lab.get(f"/trainer?trainer={quote(TOKEN)}")[0] == 426, "the socket would open"
         assert lab.get("/attempts.csv?trainer=guess") == (403, doors.LOCKED)
         with Trainer(lab) as another:
             another.until("lab_hello")
@@ -248,7 +250,7 @@ def test_bad_messages_of_a_trainer_are_refused_in_a_line():
         ("[]", "is no JSON object"),
     ):
         with pytest.raises(MessageError, match=problem):
-            parse(text)
+            parse(KINDS, text)
 
 
 def test_small_pictures_wait_for_a_page_that_does_not_read():
@@ -257,7 +259,7 @@ def test_small_pictures_wait_for_a_page_that_does_not_read():
     names = [str(number) for number in range(1, 65)]
 
     async def watched():
-        page = TrainerConnection(SimpleNamespace(stations=stations), outbox := Outbox(), address="", results="")
+        page = TrainerConnection(SimpleNamespace(stations=stations), outbox := Outbox())
         order = dict.fromkeys(names, 0)
         for _ in range(3):
             await page._show_small(order)

@@ -1,5 +1,6 @@
 """What a lab must not lose: results behind one that fails, comments on an attempt that moves; and nothing twice."""
 
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
@@ -8,10 +9,11 @@ pytest.importorskip("sqlalchemy")
 
 from lab_stores import record
 from sonospline.course.attempt_notes import AttemptNotes
+from sonospline.course.course import Course
 from sonospline.course.finished_attempt import FinishedAttempt
 from sonospline.course.keeper import Keeper
 from sonospline.course.station import Station
-from sonospline.lab import ResultStore
+from sonospline.lab import AttemptRecord, ResultStore
 from sonospline.lab.database import LabDatabaseError, LabDataError
 
 
@@ -120,3 +122,20 @@ def test_an_attempt_that_goes_on_at_another_station_takes_its_comments_there():
     assert [one.text for one in there.comments] == ["Good entry.", "Sweep first.", "Slower."]
     assert office.comments == [("K-1", text) for text in ("Good entry.", "Sweep first.", "Slower.")]
     assert office.kept == ["K-1"]
+
+
+def test_who_sat_down_while_the_results_were_away_is_added_with_the_attempt(tmp_path, monkeypatch):
+    monkeypatch.setattr(AttemptRecord, "of", lambda *args, **options: record())
+    with ResultStore(tmp_path / "course.db") as store:
+        for _ in range(2):
+            FinishedAttempt("K-1", None, datetime.now(UTC)).keep(store, "Tuesday")
+        with pytest.raises(ValueError, match=r"session = .* give 1 to 200"):
+            FinishedAttempt("K-1", None, datetime.now(UTC)).keep(store, " ")
+        assert store.participants() == [("K-1", None)] and len(list(store.attempts())) == 2
+
+
+def test_a_course_that_the_results_cannot_keep_is_refused_at_its_start(tmp_path):
+    with ResultStore(tmp_path / "course.db") as store:
+        for name in (" ", "x" * 201):
+            with pytest.raises(ValueError, match="give 1 to 200"):
+                Course(None, store, stations=1, name=name, keeps_recordings=False)

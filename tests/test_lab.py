@@ -72,7 +72,8 @@ def test_the_result_of_an_attempt_is_kept_whole(store):
 def test_a_code_that_is_taken_or_a_name_is_refused(store):
     store.add_participant("K-17")
     with pytest.raises(ValueError, match=r"^code = 'K-17' is taken; give another one$"):
-        store.add_participant("K-17")
+        store.add_participants(("K-18", "K-17"), group="Friday")
+    assert store.participants() == [("K-17", None)], "all of them or none"
     for name in ("Anna Smith", "Anna", "", "K" * 16 + "1", "K 17", 17):
         with pytest.raises(ValueError, match="names are not kept"):
             store.add_participant(name)
@@ -162,30 +163,24 @@ def test_tables_of_another_version_are_refused(tmp_path):
         ResultStore(path)
 
 
-def test_tables_of_the_version_before_get_what_they_lack(tmp_path):
+@pytest.mark.parametrize(("version", "lacks"), [("1", ("comments", "keys")), ("2", ("keys",))])
+def test_tables_of_a_version_before_get_what_they_lack(tmp_path, version, lacks):
     path = tmp_path / "course.db"
     with ResultStore(path) as store:
         store.add_participant("K-17")
         store.add("K-17", record())
     with sqlite3.connect(path) as kept:
-        kept.execute("DROP TABLE comments")
-        kept.execute("UPDATE about SET value = '1'")
+        for table in lacks:
+            kept.execute(f"DROP TABLE {table}")
+        kept.execute("UPDATE about SET value = ?", (version,))
     for _ in range(2):
         with ResultStore(path) as store:
+            assert store.add("K-17", record(), key="a") == 2
             store.add_comment(1, 2.0, "Kept.")
+            store.add_comment(2, 2.0, "Kept once.", key="b")
     with ResultStore(path) as store:
-        assert store.comments(1) == [(2.0, "Kept.")] * 2 and len(list(store.attempts())) == 1
-
-
-def test_tables_of_a_version_before_get_what_they_lack(tmp_path):
-    path = tmp_path / "course.db"
-    with ResultStore(path) as store:
-        store.add_participant("K-17")
-    with sqlite3.connect(path) as kept:
-        kept.execute("DROP TABLE keys")
-        kept.execute("UPDATE about SET value = '2'")
-    with ResultStore(path) as store:
-        assert store.add("K-17", record(), key="a") == store.add("K-17", record(), key="a")
+        assert store.comments(1) == [(2.0, "Kept.")] * 2 and store.comments(2) == [(2.0, "Kept once.")]
+        assert len(list(store.attempts())) == 2
 
 
 def test_values_that_break_a_rule_of_the_tables_are_told_from_a_database_that_is_away(store):
@@ -259,6 +254,7 @@ def test_the_verb_adds_shows_and_exports(tmp_path, capsys):
     words = ["results", str(path), "--curve", "K-17", "Vessel", "--export", str(out), "--json"]
     assert cli.main(words) == 0
     report = json.loads(capsys.readouterr().out)
+    assert report["database"] == "course.db"
     assert report["standings"][0]["passed"] == 20 and report["curve"]["decision"] == "proficient"
     assert sorted(file.name for file in out.iterdir()) == ["attempts.csv", "attempts.parquet"]
     assert cli.main(words[:-1]) == 0

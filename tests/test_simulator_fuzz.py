@@ -81,7 +81,7 @@ def test_messages_are_read_or_refused_in_one_line(tries):
     for _ in range(tries):
         text = broken_message(chance)
         try:
-            message = messages.parse(text)
+            message = messages.parse(messages.KINDS, text)
         except MessageError as error:
             refusal = str(error)
             assert refusal
@@ -100,12 +100,12 @@ def test_messages_are_read_or_refused_in_one_line(tries):
 def test_each_wild_value_has_one_clear_refusal(value):
     text = json.dumps(STATE).replace('"depth": 10.0', f'"depth": {value}')
     if value in ("1e-999", "-0.0", "1.5") or (value.lstrip("-").isdigit() and len(value) < 400):
-        assert messages.parse(text).needle.depth == float(value)
+        assert messages.parse(messages.KINDS, text).needle.depth == float(value)
         return
     with pytest.raises(
         MessageError, match=r"needle\.depth .*; give a number|is not JSON|twice; give|half a character"
     ) as caught:
-        messages.parse(text)
+        messages.parse(messages.KINDS, text)
     assert len(str(caught.value)) < 200
 
 
@@ -126,7 +126,7 @@ def test_each_wild_value_has_one_clear_refusal(value):
 )
 def test_refusals_name_what_is_wrong_and_stay_short(text, says):
     with pytest.raises(MessageError) as caught:
-        messages.parse(text)
+        messages.parse(messages.KINDS, text)
     assert says in str(caught.value)
     assert len(str(caught.value)) < 240
 

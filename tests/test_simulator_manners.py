@@ -14,10 +14,10 @@ from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
 from sonospline.server import rate_limits
 from sonospline.server.client_messages import MessageError
-from sonospline.server.connection import MOST_REFUSALS, Connection
+from sonospline.server.connection import Connection
 from sonospline.server.live_session import MOST_ACTIONS
 from sonospline.server.outbox import Outbox
-from sonospline.server.rate_limits import MOST_MESSAGES_S, REFUSALS_S, RateLimits
+from sonospline.server.rate_limits import MOST_MESSAGES_S, MOST_REFUSALS, REFUSALS_S, RateLimits
 from sonospline.server.scene_catalog import SceneCatalog
 from sonospline.server.server_messages import ModelMessage
 

@@ -7,7 +7,7 @@ import pytest
 
 from simulator_client import Client, Running, websockets
 from simulator_scenes import SMALL_PAPER
-from sonospline.server import connection, session_pool
+from sonospline.server import rate_limits, session_pool, speaker
 from sonospline.simulator import Console, SceneFile, Session
 
 
@@ -104,7 +104,7 @@ def test_a_page_takes_over_from_its_own_socket_that_still_looks_alive(running):
             with pytest.raises(websockets.ConnectionClosed) as caught:
                 while True:
                     page.socket.recv(timeout=20)
-            assert caught.value.rcvd.code == connection.TAKEN_OVER
+            assert caught.value.rcvd.code == speaker.TAKEN_OVER
             again.frame(again.ask(depth=16.0))
 
 
@@ -147,7 +147,7 @@ def test_a_key_nobody_has_opens_a_session_as_any_other(running, key):
 def test_who_was_hung_up_on_does_not_come_back(running):
     with Client(running) as page:
         page.ready()
-        for _ in range(connection.MOST_REFUSALS):
+        for _ in range(rate_limits.MOST_REFUSALS):
             page.socket.send("no")
         with pytest.raises(websockets.ConnectionClosed):
             while True:

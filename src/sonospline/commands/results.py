@@ -40,10 +40,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     test = Cusum(*args.rates)
     if "://" not in args.database and not args.add and not Path(args.database).exists():
         raise ValueError(f"database = {args.database!r}: there is no such file; --add CODE makes it")
-    report: dict[str, Any] = {"database": args.database.rpartition("@")[2]}
     with ResultStore(args.database) as store:
-        for code in args.add or ():
-            store.add_participant(code, group=args.group)
+        store.add_participants(args.add or (), group=args.group)
+        report: dict[str, Any] = {"database": store.name}
         report["participants"] = [{"code": code, "group": group} for code, group in store.participants()]
         report["standings"] = [
             one._asdict() | {"last": one.last.isoformat(timespec="seconds")}

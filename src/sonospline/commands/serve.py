@@ -133,21 +133,15 @@ def _server(args: argparse.Namespace, link: PageLink | None) -> Any:
     from ..course.lab_server import LabServer
     from ..lab.result_store import ResultStore
 
-    results = args.results or "lab.db"
+    catalog = _catalog(args)
     name = args.course or datetime.now().astimezone().date().isoformat()
-    course = Course(
-        _catalog(args), ResultStore(results), stations=args.lab, name=name, keeps_recordings=args.record is not None
-    )
-    try:
-        return LabServer(course, results=_called(results), **options)
-    except BaseException:
-        course.close()
-        raise
-
-
-def _called(results: str) -> str:
-    """A database without its password, a file without its folder."""
-    return results.rpartition("@")[2] if "://" in results else Path(results).name
+    with contextlib.ExitStack() as failed:
+        store = failed.enter_context(ResultStore(args.results or "lab.db"))
+        course = Course(catalog, store, stations=args.lab, name=name, keeps_recordings=args.record is not None)
+        failed.callback(course.close)
+        server = LabServer(course, **options)
+        failed.pop_all()
+    return server
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:

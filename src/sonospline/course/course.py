@@ -8,7 +8,7 @@ from uuid import uuid4
 
 from ..lab.cusum import Cusum
 from ..lab.database import LabDatabaseError
-from ..lab.result_store import ResultStore, check_code
+from ..lab.result_store import ResultStore
 from ..server.scene_catalog import SceneCatalog
 from ..server.server_messages import Choice
 from .finished_attempt import FinishedAttempt
@@ -35,11 +35,19 @@ class Course:
         The session of the lab to which attempts belong.
     keeps_recordings : bool
         Whether files of attempts stay, so that results may name them.
+
+    Raises
+    ------
+    ValueError
+        The name is empty, or has more than 200 letters.
+    LabDatabaseError
+        The results are away.
     """
 
     def __init__(
         self, catalog: SceneCatalog, store: ResultStore, *, stations: int, name: str, keeps_recordings: bool
     ) -> None:
+        store.begin_session(name)
         self.catalog, self.store, self.name, self.keeps_recordings = catalog, store, name, keeps_recordings
         self.stations = {str(number): Station(str(number), self) for number in range(1, stations + 1)}
         self.keeper = Keeper()
@@ -95,23 +103,6 @@ class Course:
         """Have a comment kept, after its attempt."""
         key = uuid4().hex
         self.keeper.do(lambda: finished.comment(self.store, time_s, text, key=key), say)
-
-    def add_participants(self, codes: tuple[str, ...], group: str | None) -> None:
-        """Add participants; none of them where one cannot be.
-
-        Raises
-        ------
-        ValueError
-            A code that is taken, or none.
-        LabDatabaseError
-            The results are away.
-        """
-        taken = {code for code, _ in self.store.participants()}
-        for code in codes:
-            if check_code(code) in taken:
-                raise ValueError(f"code = {code!r} is taken; give another one")
-        for code in dict.fromkeys(codes):
-            self.store.add_participant(code, group=group)
 
     def results(self, *, today: bool, exercise: str | None) -> Results:
         """Return where participants stand, and the learning curves of an exercise.

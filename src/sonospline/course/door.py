@@ -56,9 +56,13 @@ class Door:
         self._now_s = now_s
         self._guesses: dict[str, _Guesses] = {}  # the oldest first
 
+    def knows(self, given: str) -> bool:
+        """Whether a token is the right one."""
+        return bool(given) and same_token(given, self.token)
+
     def refusal(self, given: str, address: str) -> str | None:
         """Return why somebody is not let in, None where he is; no token at all is no guess."""
-        if given and same_token(given, self.token):
+        if self.knows(given):
             return None
         if given and not self.locked(address):
             known = self._guesses.pop(address, None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from uuid import uuid4
@@ -48,11 +48,9 @@ class FinishedAttempt:
         LabDatabaseError
             They are away or full.
         """
-        try:
-            self.number = store.add(self.participant, self._record(), session=course, key=self.key)
-        except ValueError:  # sat down while the results were away
+        if self.participant not in dict(store.participants()):  # sat down while the results were away
             store.add_participant(self.participant)
-            self.number = store.add(self.participant, self._record(), session=course, key=self.key)
+        self.number = store.add(self.participant, self._record(), session=course, key=self.key)
 
     def comment(self, store: ResultStore, time_s: float, text: str, *, key: str) -> None:
         """Write a comment on it, after it was kept; once under a key.
@@ -69,11 +67,8 @@ class FinishedAttempt:
         store.add_comment(self.number, time_s, text, key=key)
 
     def _record(self) -> AttemptRecord:
-        record = AttemptRecord.of(self.result, began=self.began)
-        if self.recording is None:
-            return record
         try:
             return AttemptRecord.of(self.result, began=self.began, recording=self.recording)
         except OSError as error:
-            logger.warning("%s: %s", self.recording.name, error)
-            return replace(record, recording=None)
+            logger.warning("a recording is not among the results: %s", error)
+            return AttemptRecord.of(self.result, began=self.began)

@@ -13,7 +13,7 @@ from ..server.connection_limits import peer_of
 from ..server.conversation import converse
 from ..server.outbox import Outbox
 from ..server.seat import Seat
-from ..server.server import Server
+from ..server.server import Server, upgrade_required
 from .door import LOCKED, WRONG, Door
 from .trainer_connection import TrainerConnection
 
@@ -30,16 +30,14 @@ class LabServer(Server):
     ----------
     course : Course
         The stations and their results.
-    results : str
-        What the database is called, without a password.
     door : Door, optional
         Who may be the trainer.
     **options
         Of :class:`~sonospline.server.server.Server`.
     """
 
-    def __init__(self, course: Course, *, results: str, door: Door | None = None, **options: Any) -> None:
-        self.course, self._results = course, results
+    def __init__(self, course: Course, *, door: Door | None = None, **options: Any) -> None:
+        self.course = course
         self.door = Door() if door is None else door
         super().__init__(course.catalog, sessions=len(course.stations), **options)
 
@@ -65,8 +63,10 @@ class LabServer(Server):
             return RedirectResponse(f"/?station={name}{'&' + query if query else ''}", 307)
 
         async def why_not(request: Any) -> Any:
-            address = _address(request)
-            return PlainTextResponse(LOCKED if self.door.locked(address) else WRONG, _FORBIDDEN)
+            refusal = self.guard.refusal(request.headers, token_of(request.scope))
+            if refusal is None and not self.door.knows(_token(request)):  # the socket has counted the guess
+                refusal = LOCKED if self.door.locked(_address(request)) else WRONG
+            return upgrade_required() if refusal is None else PlainTextResponse(refusal, _FORBIDDEN)
 
         async def table(request: Any) -> Any:
             refusal = self.guard.refusal(request.headers, token_of(request.scope)) or self._refusal(request)
@@ -87,7 +87,7 @@ class LabServer(Server):
         await websocket.accept()
         transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
-        trainer = TrainerConnection(self.course, outbox, address=self.address, results=self._results)
+        trainer = TrainerConnection(self.course, outbox)
         try:
             trainer.open()
             await converse(websocket, trainer, outbox, transport, idle_s=1.0)
@@ -97,7 +97,12 @@ class LabServer(Server):
             await trainer.close()
 
     def _refusal(self, asked: Any) -> str | None:
-        return self.door.refusal(asked.query_params.get("trainer", ""), _address(asked))
+        return self.door.refusal(_token(asked), _address(asked))
+
+
+def _token(asked: Any) -> str:
+    token: str = asked.query_params.get("trainer", "")
+    return token
 
 
 def _address(asked: Any) -> str:

@@ -6,14 +6,15 @@ import asyncio
 from collections.abc import Coroutine
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
-from ..lab.result_store import check_code
+from ..lab.kept_text import check_code
 from ..server import client_messages as heard
 from ..server.client_messages import MessageError
 from ..server.live_attempt import LiveAttempt
 from ..server.practice import Practice
 from ..server.seat import Seat, SeatedPage
-from ..server.server_messages import EVERYTHING, Comment, Notice, Refused, StationMessage
+from ..server.server_messages import Comment, Refused, StationMessage
 from ..server.wire import PassSummary, ReplayedStep
+from ..training.exercise import ALL_GUIDES
 from .attempt_notes import AttemptNotes
 from .office import Office
 
@@ -61,18 +62,13 @@ class Station(Seat):
         """Of the session of its page."""
         self.participant: str | None = None
         self.exercise_set: str | None = None
-        self.models_locked = False
+        self.guides_locked = self.models_locked = False
         self.said = ""
         self.working: tuple[str, Stage] | None = None
         """What is worked on, with the id of its scene or exercise."""
         self.seen: Seen | None = None
         self.watchers: frozenset[Watcher] = frozenset()
         self._tasks: set[asyncio.Task[None]] = set()
-
-    @property
-    def guides_locked(self) -> bool:
-        """Whether free practice goes without guides."""
-        return not self.guides
 
     @property
     def attempt(self) -> LiveAttempt | None:
@@ -135,7 +131,7 @@ class Station(Seat):
         if what == "models":
             self.models_locked = on
         elif on != self.guides_locked:
-            self.guides = frozenset() if on else EVERYTHING
+            self.guides_locked = on
             if self.connection is not None and self.working is not None and self.attempt is None:
                 self._begin(self.connection.begin_again())
         self.tell()
@@ -173,7 +169,7 @@ class Station(Seat):
         if stage is not before:
             self.seen = None
         if self.attempt is None:
-            cast(Practice, stage).guides = self.guides
+            cast(Practice, stage).guides = frozenset() if self.guides_locked else ALL_GUIDES
         else:
             self._go_on(self._notes(self.attempt))
         for watcher in self.watchers:
@@ -212,7 +208,7 @@ class Station(Seat):
         """Say what goes wrong with a result; in any thread."""
         connection = self.connection
         if connection is not None:
-            connection.sender.say_from_thread(Notice(level="fault", message=line))
+            connection.sender.report(line)
 
     def _notes(self, attempt: LiveAttempt) -> AttemptNotes:
         """Those of an attempt, which may have come from another station."""

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from .trainer_messages import StationState
+from .trainer_messages import State, StationState
 
 if TYPE_CHECKING:
     from ..training.exercise import Exercise
-    from .course import Course
     from .station import Seen, Station
-
-State = Literal["empty", "no code", "loading", "practice", "running", "debrief"]
 
 BLIND_MM = 8.0
 """Advance with the tip out of plane that is said where an exercise does not say how much is enough."""
 
 
-def state_of(station: Station, course: Course) -> StationState:
+def state_of(station: Station) -> StationState:
     """Return what the trainer sees of a station."""
     attempt, seen = station.attempt, station.seen
-    exercise = (
-        None if attempt is None or attempt.exercise is None else course.catalog.exercises.entries[attempt.exercise]
-    )
     state = _state(station)
     result = None if attempt is None else attempt.attempt.result
-    task = None if exercise is None else exercise.exercise
+    task = None if attempt is None else attempt.attempt.exercise
     word, caution = _word(station, state, task)
     summary = None if seen is None else seen.summary
     return StationState(

@@ -7,18 +7,16 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Coroutine, Iterator
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from ..lab.database import LabDatabaseError
-from ..lab.result_store import check_comment
+from ..lab.kept_text import check_comment
 from ..server import wire
 from ..server.client_messages import Drawn, MessageError, Ping
-from ..server.connection import POLICY, Verdict
 from ..server.outbox import Outbox
-from ..server.rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
-from ..server.sender import Sender
-from ..server.server_messages import EVERYTHING, ModelMessage, Pong, Refused, SceneMessage, TargetMessage
+from ..server.server_messages import PROTOCOL, ModelMessage, Pong, SceneMessage, TargetMessage
+from ..server.speaker import Speaker
+from ..training.exercise import ALL_GUIDES
 from . import trainer_messages as heard
 from .course import Course
 from .station import Seen, Station
@@ -36,7 +34,7 @@ _AHEAD = 2
 """Pictures on their way to a page that has not drawn them yet."""
 
 
-class TrainerConnection:
+class TrainerConnection(Speaker):
     """What stands between a trainer's page and the stations.
 
     Parameters
@@ -45,16 +43,11 @@ class TrainerConnection:
         The stations.
     outbox : Outbox
         Where messages to the page go.
-    address : str
-        Where pages of trainees are.
-    results : str
-        What the database is called.
     """
 
-    def __init__(self, course: Course, outbox: Outbox, *, address: str, results: str) -> None:
-        self._course, self._address, self._results, self._outbox = course, address, results, outbox
-        self._sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
-        self._limits = RateLimits()
+    def __init__(self, course: Course, outbox: Outbox) -> None:
+        super().__init__(heard.KINDS, outbox)
+        self._course, self._outbox = course, outbox
         self._watched: Station | None = None
         self._flying: deque[int] = deque()
         self._frames = 0
@@ -62,14 +55,12 @@ class TrainerConnection:
         self._showing = threading.Lock()
         self._named: tuple[str, str] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self.verdict: asyncio.Future[Verdict] = asyncio.get_running_loop().create_future()
-        """Set when the page is to be hung up on."""
 
     def open(self) -> None:
         """Greet the page, and go on telling how the stations stand."""
-        self._sender.say(
+        self.sender.say(
             heard.LabHello(
-                version=version("sonospline"), address=self._address, results=self._results, course=self._course.name,
+                protocol=PROTOCOL, results=self._course.store.name, course=self._course.name,
                 exercises=self._course.exercises,
             )
         )  # fmt: skip
@@ -82,31 +73,12 @@ class TrainerConnection:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    def end(self, verdict: Verdict) -> None:
-        """Have the page hung up on."""
-        if not self.verdict.done():
-            self.verdict.set_result(verdict)
-
-    def idle_s(self) -> float:
-        """A trainer may look on for as long as the lab is open."""
-        return 0.0
-
-    def take(self, text: str | None) -> None:
-        """Do what a message says, or refuse it."""
-        try:
-            self._limits.count_message()
-            if text is None:
-                raise MessageError("message", "is binary; send JSON text")
-            self._do(heard.parse(text))
-        except MessageError as error:
-            self._refuse(error.what, str(error))
-
-    def _do(self, message: heard.Message) -> None:
+    def _heed(self, message: heard.Message) -> None:
         match message:
             case Drawn():
                 self._drawn(message.frame)
             case Ping():
-                self._sender.say(Pong())
+                self.sender.say(Pong())
             case heard.WatchStation():
                 self._watch(None if message.station is None else self._station("watch_station", message.station))
             case heard.SetExercise():
@@ -129,7 +101,7 @@ class TrainerConnection:
         self._named = None
         self._flying.clear()
         console = stage.console
-        self._sender.say(SceneMessage.of(name, console, stage.command, stage.start, EVERYTHING))
+        self.sender.say(SceneMessage.of(name, console, stage.command, stage.start, ALL_GUIDES))
 
     def show(self, seen: Seen) -> None:
         """Send a picture of the station that is watched, where the page has drawn those before; in any thread."""
@@ -141,9 +113,9 @@ class TrainerConnection:
             self._flying.append(number)
         shown = seen.shown
         picture = wire.frame(
-            shown, number=number, seq=0, guides=EVERYTHING, summary=seen.summary, replay=seen.replay
+            shown, number=number, seq=0, guides=ALL_GUIDES, summary=seen.summary, replay=seen.replay
         )  # fmt: skip
-        self._sender.call(lambda _: self._send(shown.model, shown.target, picture), None)
+        self.sender.call(lambda _: self._send(shown.model, shown.target, picture), None)
 
     def _drawn(self, frame: int) -> None:
         """There is room for another picture: for the newest, where it was left out."""
@@ -155,9 +127,9 @@ class TrainerConnection:
     def _send(self, model: str, target: str, picture: bytes) -> None:
         if (model, target) != self._named:
             self._named = model, target
-            self._sender.say(ModelMessage(model=model))
-            self._sender.say(TargetMessage(id=target))
-        self._sender.put(picture)
+            self.sender.say(ModelMessage(model=model))
+            self.sender.say(TargetMessage(id=target))
+        self.sender.put(picture)
 
     def _watch(self, station: Station | None) -> None:
         if self._watched is not None:
@@ -204,11 +176,11 @@ class TrainerConnection:
         said, shown = None, dict.fromkeys(self._course.stations, 0)
         looks = 0
         while True:
-            states = tuple(state_of(station, self._course) for station in self._course.stations.values())
+            states = tuple(state_of(station) for station in self._course.stations.values())
             keeper = self._course.keeper
             now = heard.Stations(stations=states, waiting=keeper.waiting, problem=keeper.problem)
             if now != said:
-                self._sender.say(now)
+                self.sender.say(now)
                 said = now
             if looks % _THUMBS == 0:
                 await self._show_small(shown)
@@ -226,17 +198,17 @@ class TrainerConnection:
                 return
             del shown[name]
             shown[name] = seen.frame
-            self._sender.put(thumb(name, seen.shown))
+            self.sender.put(thumb(name, seen.shown))
 
     async def _add(self, message: heard.AddParticipants) -> None:
         with self._refusing("add_participants"):
-            await asyncio.to_thread(self._course.add_participants, message.codes, message.group)
+            await asyncio.to_thread(self._course.store.add_participants, message.codes, group=message.group)
             await self._tell_results(heard.ListResults(today=False, exercise=None))
 
     async def _tell_results(self, message: heard.ListResults) -> None:
         with self._refusing("list_results"):
             found = await asyncio.to_thread(self._course.results, today=message.today, exercise=message.exercise)
-            self._sender.say(found)
+            self.sender.say(found)
 
     @contextlib.contextmanager
     def _refusing(self, what: str) -> Iterator[None]:
@@ -249,8 +221,3 @@ class TrainerConnection:
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    def _refuse(self, what: str, problem: str) -> None:
-        self._sender.say(Refused(what=what, message=problem))
-        if self._limits.count_refusal():
-            self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from ..io.records import Text, about
 from ..lab.schema import LONGEST_CODE, LONGEST_COMMENT
-from ..server.client_messages import ClientMessage, Drawn, Ping, parse_as
+from ..server.client_messages import ClientMessage, Drawn, Ping
 from ..server.server_messages import (
     Choice,
     Comment,
@@ -69,9 +69,7 @@ Codes = Annotated[tuple[Annotated[str, about("a code", longest=LONGEST_CODE)], .
 class AddParticipants(ClientMessage, frozen=True, kw_only=True):
     """Adds participants by their codes."""
 
-    codes: Annotated[
-        tuple[Annotated[str, about("a code", longest=LONGEST_CODE)], ...], about("codes", longest=MOST_CODES)
-    ]
+    codes: Codes
     group: Annotated[Text, about("name of their group")] | None
 
 
@@ -91,14 +89,15 @@ KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in
 class LabHello(ServerMessage, frozen=True, kw_only=True):
     """The first message."""
 
-    version: str
-    address: str
-    """Where pages of trainees are."""
+    protocol: Literal[5]
     results: str
-    """What the database is called, without a password."""
+    """What the database is called: a file without its folder, an address without its password."""
     course: str
     """The session of the lab to which attempts belong."""
     exercises: tuple[Choice, ...]
+
+
+State = Literal["empty", "no code", "loading", "practice", "running", "debrief"]
 
 
 class StationState(Struct, frozen=True, kw_only=True):
@@ -106,7 +105,7 @@ class StationState(Struct, frozen=True, kw_only=True):
 
     name: str
     participant: str | None
-    state: Literal["empty", "no code", "loading", "practice", "running", "debrief"]
+    state: State
     exercise: str | None
     """Name of the one that runs or is talked about."""
     exercise_set: str | None
@@ -198,15 +197,3 @@ class ThumbHeader(Struct, frozen=True, kw_only=True):
 Said = (
     LabHello | Stations | Results | SceneMessage | ModelMessage | TargetMessage | Refused | Notice | Pong
 )  # fmt: skip
-
-
-def parse(text: str) -> Message:
-    """Return the message in a text of the trainer's page.
-
-    Raises
-    ------
-    MessageError
-        Not JSON, an unknown type, an unknown or missing key, NaN, or a value of the wrong kind.
-    """
-    message: Message = parse_as(KINDS, text)
-    return message

@@ -51,7 +51,8 @@ class Database:
         self.sql = require("sqlalchemy")
         self._url = self._address(address)
         self._is_sqlite = self._url.get_backend_name() == "sqlite"
-        self.name = self._url.render_as_string(hide_password=True)
+        self.name = Path(self._url.database).name if self._is_sqlite else self._url.render_as_string(hide_password=True)
+        """A file without its folder, an address without its password."""
         options: dict[str, Any] = {"timeout": _WAIT_S} if self._is_sqlite else {}
         self._interface_errors: tuple[type[Exception], ...] = ()
         with self._said():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,12 +13,12 @@ from .._shown import shown
 from .attempt_record import AttemptRecord
 from .cusum import Cusum, LearningCurve
 from .database import Database
-from .schema import LONGEST_CODE, LONGEST_COMMENT, LONGEST_NAME, schema
+from .kept_text import check_code, check_comment, check_name
+from .schema import schema
 from .standing import Standing
 
 _SHOWN = ("final_error_mm", "blind_advance_mm")
 """Metrics of a standing."""
-_CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 class ResultStore:
@@ -61,6 +60,11 @@ class ResultStore:
         self._tables = schema()
         self._sql = self._database.sql
 
+    @property
+    def name(self) -> str:
+        """What the database is called: a file without its folder, an address without its password."""
+        return self._database.name
+
     def add_group(self, name: str) -> None:
         """Make a group, where there is none of its name."""
         self._database.write(lambda connection: self._group(connection, name))
@@ -73,13 +77,24 @@ class ResultStore:
         ValueError
             The code is taken, or is no code: at most 16 letters, digits, - and _, with a digit.
         """
-        code, people = check_code(code), self._tables.participants
+        self.add_participants((code,), group=group)
+
+    def add_participants(self, codes: Iterable[str], *, group: str | None = None) -> None:
+        """Add some by their codes; none of them where one cannot be.
+
+        Raises
+        ------
+        ValueError
+            A code is taken, or is no code.
+        """
+        codes, people = tuple(dict.fromkeys(check_code(code) for code in codes)), self._tables.participants
 
         def work(connection: Any) -> None:
-            if self._found(connection, people, code=code) is not None:
-                raise ValueError(f"code = {code!r} is taken; give another one")
             group_id = None if group is None else self._group(connection, group)
-            self._inserted(connection, people, code=code, group_id=group_id)
+            for code in codes:
+                if self._found(connection, people, code=code) is not None:
+                    raise ValueError(f"code = {code!r} is taken; give another one")
+                self._inserted(connection, people, code=code, group_id=group_id)
 
         self._database.write(work)
 
@@ -324,10 +339,10 @@ class ResultStore:
         return found
 
     def _group(self, connection: Any, name: str) -> int:
-        return self._one(connection, self._tables.groups, name=_named("group", name))
+        return self._one(connection, self._tables.groups, name=check_name("group", name))
 
     def _session(self, connection: Any, name: str) -> int:
-        table, name = self._tables.sessions, _named("session", name)
+        table, name = self._tables.sessions, check_name("session", name)
         found = self._found(connection, table, name=name)
         return found or self._inserted(connection, table, name=name, began=_naive(datetime.now(UTC)))
 
@@ -345,40 +360,7 @@ class ResultStore:
         return number
 
     def __repr__(self) -> str:
-        return f"ResultStore({self._database.name!r})"
-
-
-def check_code(code: str) -> str:
-    """Return a participant's code, or raise ValueError: names are not kept."""
-    if not (isinstance(code, str) and len(code) <= LONGEST_CODE and _CODE.fullmatch(code)
-            and any(sign.isdigit() for sign in code)):  # fmt: skip
-        raise ValueError(
-            f"code = {shown(code)} is no code; give at most {LONGEST_CODE} letters, digits, - and _, with a digit, "
-            "e.g. K-17: names are not kept"
-        )
-    return code
-
-
-def check_comment(text: str) -> str:
-    """Return a comment without blanks around it, or raise ValueError."""
-    text = _kept_text("comment", text)
-    if not 0 < len(text) <= LONGEST_COMMENT:
-        raise ValueError(f"comment has {len(text)} letters; give 1 to {LONGEST_COMMENT}")
-    return text
-
-
-def _kept_text(what: str, text: str) -> str:
-    text = _validate.text(what, text).strip()
-    if "\0" in text:
-        raise ValueError(f"{what} = {shown(text)} holds a zero character, which no database keeps; leave it out")
-    return text
-
-
-def _named(what: str, name: str) -> str:
-    name = _kept_text(what, name)
-    if not 0 < len(name) <= LONGEST_NAME:
-        raise ValueError(f"{what} = {shown(name)} has {len(name)} letters; give 1 to {LONGEST_NAME}")
-    return name
+        return f"ResultStore({self.name!r})"
 
 
 def _naive(moment: datetime) -> datetime:

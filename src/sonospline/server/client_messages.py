@@ -145,20 +145,14 @@ Message = (
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}
 
 
-def parse(text: str) -> Message:
-    """Return the message in a text.
+def parse(kinds: Mapping[str, type[Any]], text: str) -> Any:
+    """Return the message in a text, of one of some kinds by their types.
 
     Raises
     ------
     MessageError
         Not JSON, an unknown type, an unknown or missing key, NaN, or a value of the wrong kind.
     """
-    message: Message = parse_as(KINDS, text)
-    return message
-
-
-def parse_as(kinds: Mapping[str, type[Any]], text: str) -> Any:
-    """Return the message in a text, of one of some kinds by their types."""
     try:
         values = json.loads(text, object_pairs_hook=_object)
     except MessageError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from operator import methodcaller
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, cast
 
 from .. import models
 from . import client_messages as heard
@@ -15,28 +15,18 @@ from .flow import FrameFlow
 from .kept_session import Kept
 from .live_session import LiveSession, Watch
 from .outbox import Outbox
-from .rate_limits import MOST_REFUSALS, REFUSALS_S, RateLimits
 from .review import Review
 from .scene_catalog import SceneCatalog
 from .scene_loader import SceneLoader
 from .seat import Seat
-from .sender import Sender
+from .speaker import TAKEN_OVER, Speaker
 
 if TYPE_CHECKING:
     from .live_attempt import LiveAttempt
     from .stage import Stage
 
-POLICY, GOING_AWAY, TAKEN_OVER = 1008, 1001, 4001
 
-
-class Verdict(NamedTuple):
-    """Why a client is hung up on: the closing code, and the reason it is given."""
-
-    code: int
-    reason: str
-
-
-class Connection:
+class Connection(Speaker):
     """What stands between a socket and a session.
 
     The socket's own loop calls :meth:`open`, :meth:`take` and :meth:`close`.
@@ -59,19 +49,17 @@ class Connection:
         self, catalog: SceneCatalog, outbox: Outbox, key: str = "", *, watch: Watch | None = None,
         seat: Seat | None = None,
     ) -> None:  # fmt: skip
+        super().__init__(heard.KINDS, outbox)
         self._catalog, self.key, self._watch = catalog, key, watch
         self.seat = Seat() if seat is None else seat
-        self.sender = Sender(outbox, lambda: self.end(Verdict(POLICY, "messages are not read")))
         self._loader = SceneLoader(catalog, self.sender, self._refuse, self._replace)
         self._live: LiveSession | None = None
         self._review: Review | None = None
-        self._flow, self._limits = FrameFlow(self.seat), RateLimits()
+        self._flow = FrameFlow(self.seat)
         self._seq = -1
         self._changes = asyncio.Lock()
         self._closed = False
         self._busy_at = time.monotonic()
-        self.verdict: asyncio.Future[Verdict] = asyncio.get_running_loop().create_future()
-        """Set when the client is to be hung up on."""
         self.left = asyncio.Event()
         """Set by the server once the place is free."""
 
@@ -100,30 +88,17 @@ class Connection:
         live.stage.pause()
         return Kept(live.name, live.stage)
 
-    def end(self, verdict: Verdict) -> None:
-        """Have the client hung up on."""
-        if not self.verdict.done():
-            self.verdict.set_result(verdict)
-
     def idle_s(self) -> float:
         """Return how long ago the client last asked for something; 0 while a scene is loading."""
         return 0.0 if self._loader.busy else time.monotonic() - self._busy_at
 
-    def take(self, text: str | None) -> None:
-        """Do what a message says, or refuse it."""
-        try:
-            self._limits.count_message()
-            if text is None:
-                raise MessageError("message", "is binary; send JSON text")
-            message = heard.parse(text)
-            if not isinstance(message, heard.Drawn | heard.Ping):
-                self._busy_at = time.monotonic()
-            refusal = self.seat.refusal(message)
-            if refusal is not None:
-                raise MessageError(str(message.__struct_config__.tag), refusal)
-            self._do(message)
-        except MessageError as error:
-            self._refuse(error.what, str(error), seq=error.seq)
+    def _heed(self, message: heard.Message) -> None:
+        if not isinstance(message, heard.Drawn | heard.Ping):
+            self._busy_at = time.monotonic()
+        refusal = self.seat.refusal(message)
+        if refusal is not None:
+            raise MessageError(str(message.__struct_config__.tag), refusal)
+        self._do(message)
 
     def _do(self, message: heard.Message) -> None:
         match message:
@@ -275,10 +250,3 @@ class Connection:
             await live.end()  # whoever closes the connection meanwhile waits for the same thread
             self._live = None
         return live
-
-    def _refuse(
-        self, what: str, problem: str, *, seq: int | None = None, file: str | None = None, line: int | None = None
-    ) -> None:
-        self.sender.say(said.Refused(what=what, message=problem, file=file, line=line, seq=seq))
-        if self._limits.count_refusal():
-            self.end(Verdict(POLICY, f"{MOST_REFUSALS} refusals within {REFUSALS_S:g} s"))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Any, Protocol
+from typing import Any
 
-from .connection import GOING_AWAY, POLICY, Verdict
 from .outbox import Outbox
+from .speaker import GOING_AWAY, POLICY, Speaker, Verdict
 
 logger = logging.getLogger(__name__)
 
@@ -16,21 +16,6 @@ UNREAD_S = 15.0
 _GOODBYE_S = 2.0
 _IDLE_CHECK_S = 1.0
 _SOCKET_CHECK_S = 0.5
-
-
-class Speaker(Protocol):
-    """Whoever answers on a WebSocket."""
-
-    verdict: asyncio.Future[Verdict]
-
-    def take(self, text: str | None) -> None:
-        """Do what a message says, or refuse it."""
-
-    def idle_s(self) -> float:
-        """Return how long ago the client last asked for something."""
-
-    def end(self, verdict: Verdict) -> None:
-        """Have the client hung up on."""
 
 
 async def converse(

@@ -6,10 +6,10 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING
 
+from ..training.exercise import ALL_GUIDES
 from . import wire
 from .client_messages import MessageError
 from .seat import Seat
-from .server_messages import EVERYTHING
 from .wire import PassSummary, ReplayedStep
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class FrameFlow:
         self._flying.append(self._frames)
         summary = PassSummary(time_s=replay.time_s, passes=passes, path_mm=None, blind_mm=None)
         return wire.frame(
-            shown, number=self._frames, seq=0, guides=EVERYTHING, summary=summary, replay=replay
+            shown, number=self._frames, seq=0, guides=ALL_GUIDES, summary=summary, replay=replay
         )  # fmt: skip
 
     @property

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from .client_messages import Message, MessageError
-from .server_messages import EVERYTHING, Guide
 
 if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
@@ -29,9 +28,6 @@ class Seat:
 
     Everything happens in the socket's loop, but for :meth:`saw`.
     """
-
-    guides: frozenset[Guide] = EVERYTHING
-    """What may be shown in free practice."""
 
     def take(self, page: SeatedPage) -> None:
         """A page has come, and was greeted."""

@@ -16,7 +16,7 @@ from .. import simulator
 from .._extras import require
 from .access import AccessMiddleware, token_of
 from .client_messages import LONGEST
-from .connection import TAKEN_OVER, Connection, Verdict
+from .connection import Connection
 from .connection_limits import ConnectionLimits, open_files, pending_within
 from .conversation import converse
 from .guard import Guard
@@ -28,6 +28,7 @@ from .scene_catalog import SceneCatalog
 from .schema import protocol_schema
 from .seat import Seat
 from .session_pool import SessionPool, new_key
+from .speaker import TAKEN_OVER, Verdict
 
 logger = logging.getLogger(__name__)
 
@@ -143,7 +144,7 @@ class Server:
                 return PlainTextResponse(refusal, 403)
             if self.pool.full:
                 return PlainTextResponse(self._too_many, 503)
-            return PlainTextResponse("open a WebSocket here", 426, {"upgrade": "websocket"})
+            return upgrade_required()
 
         async def no_page(request: Any) -> Any:
             return HTMLResponse(NO_PAGE, status_code=503)
@@ -232,6 +233,13 @@ class Server:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(holder.left.wait(), _HANDOVER_S)
         return self.pool.reclaim(key)
+
+
+def upgrade_required() -> Any:
+    """Return the answer to a plain request where a WebSocket would open."""
+    from starlette.responses import PlainTextResponse
+
+    return PlainTextResponse("open a WebSocket here", 426, {"upgrade": "websocket"})
 
 
 def _listen(host: str, port: int) -> socket.socket:

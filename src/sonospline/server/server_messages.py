@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
 from .. import models
 from ..simulator.command import Command
 from ..simulator.knobs import SceneKnob
+from ..training.exercise import Guide
 from .client_messages import snake_case
 
 if TYPE_CHECKING:
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
 PROTOCOL: Literal[5] = 5
 
 Vector = tuple[float, float, float]
-Guide = Literal["path", "target", "tip", "numbers", "3-D view"]
-"""What may be shown beside the image, as exercises call it."""
-EVERYTHING: frozenset[Guide] = frozenset(get_args(Guide))
 
 
 class ServerMessage(Struct, frozen=True, tag=snake_case):

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from ..simulator.command import Command
 from ..simulator.logged_event import LoggedEvent
 from ..simulator.readouts import Blocked, Readouts
-from .server_messages import Guide, Vector
+from .server_messages import Vector
 
 if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
     from ..simulator.surfaces import Mesh
+    from ..training.exercise import Guide
     from ..ultrasound.colour_flow import ColourFlow
 
 FRAME, GEOMETRY = 1, 2
