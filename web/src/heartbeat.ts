@@ -8,6 +8,8 @@ const DEAD = 10000;
 const HELD_UP = 500;
 
 export interface Patient {
+  /** There is a socket that could be given up. */
+  open: boolean;
   /** An image is awaited. */
   live: boolean;
   /** The image counts as lost, but the socket is open. */
@@ -23,11 +25,11 @@ export class Heartbeat {
   private pingedAt = 0;
   private watchedAt = 0;
 
-  watch(now: number, { live, silent, ping, lose, abandon }: Patient): void {
+  watch(now: number, { open, live, silent, ping, lose, abandon }: Patient): void {
     // a page that was held up itself has not read what came meanwhile
     if (now - this.watchedAt > HELD_UP) this.heardAt += now - this.watchedAt;
     this.watchedAt = now;
-    if (document.hidden) this.heardAt = now;
+    if (document.hidden || !open) this.heardAt = now;
     if ((document.hidden || !live) && !silent) return;
     const quiet = now - this.heardAt;
     if (quiet > QUIET && now - this.pingedAt > QUIET) {

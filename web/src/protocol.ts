@@ -1,6 +1,7 @@
 /** What page and server say to each other, version 5: its types are made of the protocol's schema. Lengths mm, angles degrees, world RAS. */
 
 import type { FrameHeader, GeometryHeader, Hello, MeshHeader, OfferedExercise, Protocol } from "./protocol.gen";
+import type { Signal } from "./signal";
 import type { ThumbHeader } from "./trainer.gen";
 
 export type {
@@ -15,6 +16,11 @@ export type Guide = OfferedExercise["guides"][number];
 
 /** A page that was left open while the server was replaced must not guess. */
 export const PROTOCOL: Hello["protocol"] = 5;
+
+/** Say so where page and server are of two versions. */
+export function compareVersions(protocol: number, broken: Signal<string>): void {
+  if (protocol !== PROTOCOL) broken.emit(`The server speaks version ${protocol}, this page ${PROTOCOL}: reload the page`);
+}
 
 /** One drawn-to-be image with everything that belongs to it. */
 export interface Frame {

@@ -5,7 +5,7 @@ import { ACROSS, ALONG, put, read } from "./knobs";
 import { Meter } from "./latency";
 import { Heartbeat } from "./heartbeat";
 import { bounded, letGo } from "./lead";
-import { PROTOCOL, type ClientText, type Command, type Frame, type Geometry, type Guide, type Hello, type Knob, type Loading, type LoggedEvent, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
+import { compareVersions, type ClientText, type Command, type Frame, type Geometry, type Guide, type Hello, type Knob, type Loading, type LoggedEvent, type Notice, type Refused, type Scene, type ServerText } from "./protocol";
 import { Signal } from "./signal";
 import { adopt, limited, same } from "./command";
 import { STILL, turned, unavailable, type TissueSwitch } from "./tissue";
@@ -300,7 +300,7 @@ export class Session {
         this.hello = message;
         this.link.session = message.session;
         this.resumed = message.resumed;
-        if (message.protocol !== PROTOCOL) this.link.broken.emit(`The server speaks version ${message.protocol as number}, this page ${PROTOCOL}: reload the page`);
+        compareVersions(message.protocol, this.link.broken);
         return this.greeted.emit(message);
       case "loading":
         // the scene before goes on until the next one is ready
@@ -372,22 +372,20 @@ export class Session {
     this.refused.emit(message);
   }
 
-  private lose(loss: Loss): void {
+  private lose(loss: Loss, closed = true): void {
     this.loss = loss;
-    this.pending = []; // a frame drawn after its connection was lost would look as if it were live
-    this.setStatus("lost", true);
+    if (closed) this.pending = []; // a frame drawn after its connection was lost would look as if it were live
+    this.setStatus("lost", closed);
   }
 
   private watch(now: number): void {
     this.heart.watch(now, {
+      open: this.link.isOpen,
       live: this.status === "live",
       silent: this.status === "lost" && this.link.isOpen,
       ping: () => this.link.send({ type: "ping" }),
       abandon: () => this.link.abandon("no answer"),
-      lose: (until) => {
-        this.loss = { attempt: 0, nextAt: until, reason: "no answer" };
-        this.setStatus("lost");
-      },
+      lose: (until) => this.lose({ attempt: 0, nextAt: until, reason: "no answer" }, false),
     });
   }
 

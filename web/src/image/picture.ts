@@ -5,6 +5,10 @@ import type { ColourPlace, Frame } from "../protocol";
 /** Grey as little-endian RGBA. */
 const GREY = Uint32Array.from({ length: 256 }, (_, g) => 0xff000000 | (g << 16) | (g << 8) | g);
 
+export function drawGrey(words: Uint32Array, pixels: Uint8Array): void {
+  for (let k = 0; k < pixels.length; k += 1) words[k] = GREY[pixels[k]];
+}
+
 /** Where nothing flows. */
 const NO_FLOW = -128;
 /** Of levels -128 to 127: red to yellow towards the probe, blue to cyan away; as `colours` of the package. */
@@ -44,7 +48,7 @@ export class Picture {
       this.words = new Uint32Array(this.image.data.buffer);
     }
     const { words } = this;
-    for (let k = 0; k < pixels.length; k += 1) words[k] = GREY[pixels[k]];
+    drawGrey(words, pixels);
     if (colour && header.colour) paint(words, columns, colour, header.colour);
     this.context.putImageData(this.image, 0, 0);
     this.canvas.dataset.frame = String(header.frame);

@@ -1,11 +1,10 @@
 /** A card for each station: its picture, who sits there, what is done, and a word; pressed, it is watched. */
 
 import { h, toggle, write } from "../dom";
+import { drawGrey } from "../image/picture";
 import { clock } from "../metrics";
 import type { Thumb } from "../protocol";
 import type { Lab, StationState } from "./lab";
-
-const GREY = Uint32Array.from({ length: 256 }, (_, g) => 0xff000000 | (g << 16) | (g << 8) | g);
 
 class Card {
   private readonly canvas = h("canvas", { "aria-hidden": "true" });
@@ -40,8 +39,7 @@ class Card {
     if (!context || rows === 0) return;
     if (this.canvas.width !== columns || this.canvas.height !== rows) [this.canvas.width, this.canvas.height] = [columns, rows];
     const image = context.createImageData(columns, rows);
-    const words = new Uint32Array(image.data.buffer);
-    for (let k = 0; k < pixels.length; k += 1) words[k] = GREY[pixels[k]];
+    drawGrey(new Uint32Array(image.data.buffer), pixels);
     context.putImageData(image, 0, 0);
   }
 }

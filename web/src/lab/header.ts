@@ -4,21 +4,12 @@ import { h, write } from "../dom";
 import { logo } from "../icons";
 import { exerciseChoice } from "./exerciseChoice";
 import type { Lab } from "./lab";
+import { lockButton } from "./lockButton";
 
 export function labHeader(lab: Lab): HTMLElement {
   const course = h("b", {});
   const results = h("span", { class: "database" });
   const problem = h("p", { class: "problem", role: "status" });
-  const common = () => {
-    const found = new Set(lab.stations.map(({ exercise_set }) => exercise_set));
-    return found.size === 1 ? [...found][0] : null;
-  };
-  const lock = (what: "guides" | "models", label: string) => {
-    const button = h("button", { type: "button", class: "button toggle", "aria-pressed": "false" }, label);
-    button.addEventListener("click", () => lab.say({ type: "lock_station", station: null, what, on: button.getAttribute("aria-pressed") !== "true" }));
-    lab.changed.on(({ stations }) => button.setAttribute("aria-pressed", String(stations.length > 0 && stations.every((one) => one[`${what}_locked`]))));
-    return button;
-  };
   const table = new URL("attempts.csv", location.href);
   table.search = new URL(location.href).search;
   lab.greeted.on((hello) => {
@@ -39,9 +30,9 @@ export function labHeader(lab: Lab): HTMLElement {
     results,
     problem,
     h("span", { class: "space" }),
-    exerciseChoice(lab, "All stations", () => null, common),
-    lock("guides", "Lock guides"),
-    lock("models", "Lock models"),
+    exerciseChoice(lab, "All stations", true),
+    lockButton(lab, "Lock guides", "guides", true),
+    lockButton(lab, "Lock models", "models", true),
     h("a", { class: "button", href: table.href, download: "attempts.csv" }, "Export"),
   );
 }

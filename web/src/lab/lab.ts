@@ -1,7 +1,7 @@
 /** What the trainer's page knows of a lab, and what it asks of it. */
 
 import { Connection, type Link, type Loss } from "../connection";
-import type { Binary, ServerText, Thumb } from "../protocol";
+import { compareVersions, type Binary, type ServerText, type Thumb } from "../protocol";
 import { Signal } from "../signal";
 import type { LabHello, Results, StationState, Stations, TrainerProtocol } from "../trainer.gen";
 
@@ -38,7 +38,11 @@ export class Lab {
       if (message.kind === "thumb") this.thumb.emit(message.thumb);
       else this.watching.binary.emit(message);
     });
-    this.link.lost.on((loss) => this.lost.emit(loss));
+    this.link.broken.on((line) => this.refused.emit(line));
+    this.link.lost.on((loss) => {
+      this.lost.emit(loss);
+      this.watching.lost.emit(loss);
+    });
     this.link.opened.on(() => {
       this.lost.emit(null);
       if (this.watched !== null) this.watch(this.watched);
@@ -52,6 +56,11 @@ export class Lab {
 
   station(name: string | null): StationState | null {
     return this.stations.find((one) => one.name === name) ?? null;
+  }
+
+  /** What is set sets the station that is watched, or all of them. */
+  concerned(all: boolean): readonly StationState[] {
+    return all ? this.stations : this.stations.filter(({ name }) => name === this.watched);
   }
 
   watch(name: string): void {
@@ -71,6 +80,7 @@ export class Lab {
     switch (message.type) {
       case "lab_hello":
         this.hello = message;
+        compareVersions(message.protocol, this.link.broken);
         this.link.settle();
         return this.greeted.emit(message);
       case "stations":
@@ -103,7 +113,7 @@ export class Lab {
 /** ms that a result takes to be kept. */
 const KEPT = 600;
 
-/** A link that says nothing to the station but that its pictures were drawn. */
+/** A link that says nothing to the station but that its pictures were drawn; where nobody answers it is given up, and opens again by itself. */
 function readOnly(link: Connection<LabText, LabAsked>): Link {
   return {
     text: new Signal<ServerText>(), binary: new Signal<Binary>(), opened: new Signal<void>(), lost: new Signal<Loss>(), broken: link.broken,
@@ -114,6 +124,6 @@ function readOnly(link: Connection<LabText, LabAsked>): Link {
     send: (message) => (message.type === "drawn" || message.type === "ping") && link.send(message),
     settle: () => undefined,
     open: () => undefined,
-    abandon: () => undefined,
+    abandon: (reason) => link.abandon(reason),
   };
 }

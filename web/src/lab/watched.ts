@@ -8,6 +8,7 @@ import { Session } from "../session";
 import { Signal } from "../signal";
 import { exerciseChoice } from "./exerciseChoice";
 import type { Lab, StationState } from "./lab";
+import { lockButton } from "./lockButton";
 
 export class Watched {
   readonly session: Session;
@@ -27,16 +28,6 @@ export class Watched {
   constructor(private readonly lab: Lab) {
     this.session = new Session(lab.watching);
     this.image = new ImagePane(this.session, { switched: new Signal() }, true);
-    const lock = (what: "guides" | "models", label: string, hint: string) => {
-      const button = h("button", { type: "button", class: "button toggle", "aria-pressed": "false", title: hint }, label);
-      button.addEventListener("click", () => {
-        const on = button.getAttribute("aria-pressed") !== "true";
-        if (lab.watched !== null) lab.say({ type: "lock_station", station: lab.watched, what, on });
-      });
-      lab.changed.on(() => button.setAttribute("aria-pressed", String(this.state?.[`${what}_locked`] ?? false)));
-      return button;
-    };
-    const choice = exerciseChoice(lab, "Exercise", () => lab.watched, () => this.state?.exercise_set ?? null);
     this.remark = h("button", { type: "button", class: "button", title: "Kept with the attempt, and shown in its debrief" }, "Comment");
     this.remark.addEventListener("click", () => this.comment());
     const form = h("form", { class: "say" }, this.line, h("button", { type: "submit", class: "button" }, "Say now"), this.remark);
@@ -53,7 +44,7 @@ export class Watched {
       h("div", { class: "watched-image" }, this.image.element),
       h("div", { class: "numbers" }, ...Object.values(this.numbers).map(({ root }) => root)),
       this.verdict,
-      h("div", { class: "sets" }, choice, lock("guides", "Lock guides", "Free practice without guides"), lock("models", "Lock model", "The model stays as it is")),
+      h("div", { class: "sets" }, exerciseChoice(lab, "Exercise", false), lockButton(lab, "Lock guides", "guides", false), lockButton(lab, "Lock model", "models", false)),
       form,
       this.comments,
     );

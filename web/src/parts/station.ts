@@ -7,7 +7,7 @@ import type { Trainer } from "../trainer";
 /** Over the place of the image, until somebody with a code sits here. */
 export class SitDown {
   private readonly title = h("h2", { id: "sit-down-title" });
-  private readonly code = h("input", { id: "code", name: "code", maxlength: 16, autocomplete: "off", spellcheck: "false", required: true, "aria-describedby": "code-problem", placeholder: "K-17" });
+  private readonly code = h("input", { id: "code", class: "field-of", name: "code", maxlength: 16, autocomplete: "off", spellcheck: "false", required: true, "aria-describedby": "code-problem", placeholder: "K-17" });
   private readonly problem = h("p", { class: "problem", id: "code-problem", role: "alert" });
   readonly element = h(
     "section",
