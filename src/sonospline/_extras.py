@@ -29,6 +29,7 @@ PROVIDES = {
     "playwright": "bench",
     "mcap": "record",
     "gymnasium": "envs",
+    "av": "lerobot",
     "sqlalchemy": "lab",
     "pyarrow": "lab",
 }

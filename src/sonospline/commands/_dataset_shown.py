@@ -10,8 +10,17 @@ _MOST = 5
 
 def lines_of(report: dict[str, Any], action: str) -> str:
     """Return the report of an action as lines."""
-    shown = {"make": _made, "rebuild": _made, "show": _shown, "check": _checked, "stats": _stats}[action](report)
+    shown = {
+        "make": _made, "rebuild": _made, "show": _shown, "check": _checked, "stats": _stats, "episodes": _episodes
+    }[action](report)  # fmt: skip
     return "\n".join(shown)
+
+
+def _episodes(report: dict[str, Any]) -> list[str]:
+    return [
+        f"episodes      {report['episodes']:,} in {report['out']}, {report['solved']:,} of them solved",
+        f"size          {report['frames']:,} frames, {report['bytes'] / 1e6:,.1f} MB; the video is lossy",
+    ]
 
 
 def _made(report: dict[str, Any]) -> list[str]:

@@ -10,18 +10,22 @@ from .. import _terminal
 from ._progress import watched
 
 _EVERY_S = 10.0
+_WORDS = ("samples", "failed")
+"""What is counted, and what else became of some."""
 
 
 @contextmanager
-def rate(label: str, *, quiet: bool = False) -> Iterator[Callable[[int, int, int], None]]:
+def rate(
+    label: str, *, quiet: bool = False, words: tuple[str, str] = _WORDS
+) -> Iterator[Callable[[int, int, int], None]]:
     """Yield a function of samples done, all, and failed, which says how far the run is."""
     if quiet:
         yield lambda done, of, failed: None
     elif watched():
-        with _drawn(label) as tell:
+        with _drawn(label, words) as tell:
             yield tell
     else:
-        yield _Lines(label)
+        yield _Lines(label, words)
 
 
 class Pace:
@@ -46,22 +50,24 @@ class Pace:
 class _Lines:
     """A line on stderr, at most one in ten seconds."""
 
-    def __init__(self, label: str) -> None:
-        self._label, self._pace, self._said = label, Pace(), time.monotonic()
+    def __init__(self, label: str, words: tuple[str, str]) -> None:
+        self._label, self._words, self._pace, self._said = label, words, Pace(), time.monotonic()
 
     def __call__(self, done: int, of: int, failed: int) -> None:
         a_second, left = self._pace.at(done, of)
         if time.monotonic() - self._said < _EVERY_S:
             return
         self._said = time.monotonic()
-        _terminal.say(text(self._label, done, of, failed, a_second, left))
+        _terminal.say(text(self._label, done, of, failed, a_second, left, self._words))
 
 
-def text(label: str, done: int, of: int, failed: int, a_second: float, left_s: float) -> str:
+def text(
+    label: str, done: int, of: int, failed: int, a_second: float, left_s: float, words: tuple[str, str] = _WORDS
+) -> str:
     """Return a line that says how far a run is."""
     known = a_second == a_second
     pace = f", {a_second:.3g} a second, {_duration(left_s)} left" if known else ""
-    return f"{label}: {done:,} of {of:,} samples{pace}" + (f"; {failed:,} failed" if failed else "")
+    return f"{label}: {done:,} of {of:,} {words[0]}{pace}" + (f"; {failed:,} {words[1]}" if failed else "")
 
 
 def _duration(seconds: float) -> str:
@@ -70,7 +76,7 @@ def _duration(seconds: float) -> str:
 
 
 @contextmanager
-def _drawn(label: str) -> Iterator[Callable[[int, int, int], None]]:
+def _drawn(label: str, words: tuple[str, str]) -> Iterator[Callable[[int, int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -79,7 +85,7 @@ def _drawn(label: str) -> Iterator[Callable[[int, int, int], None]]:
         task = progress.add_task(label, total=None)
 
         def tell(done: int, of: int, failed: int) -> None:
-            said = text(label, done, of, failed, *pace.at(done, of))
+            said = text(label, done, of, failed, *pace.at(done, of), words)
             progress.update(task, completed=done, total=of, description=said)
 
         yield tell

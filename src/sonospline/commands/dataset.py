@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,10 @@ EXAMPLES = """examples:
   sonospline dataset check needles --remake 20                       # every hash, and 20 samples made again
   sonospline dataset stats needles --json
   sonospline dataset rebuild recipes --out full --form webdataset    # from recipes, bit for bit
+  sonospline dataset episodes needle-steering --out steered          # of a hand, in the form of LeRobot v3
 """
 _MOST_WORKERS = 4096
+_ENVIRONMENTS = ("needle-steering", "probe-navigation")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check_.add_argument("--repair", action="store_true", help="forget damaged shards, so that make makes them again")
     stats = _action(actions, "stats", "say what its numbers are like")
     again = _action(actions, "rebuild", "make its samples again from their recipes")
+    episodes = _action(actions, "episodes", "write episodes of a hand in the form of LeRobot v3, video lossy")
+    episodes.add_argument("environment", choices=_ENVIRONMENTS, help="what it does")
+    episodes.add_argument("--out", type=Path, required=True, metavar="DIR", help="a new folder")
+    episodes.add_argument("--episodes", type=int, default=100, metavar="N", help="how many (100)")
+    episodes.add_argument("--seed", type=int, default=0, help="of the first; each has its own (0)")
+    episodes.add_argument("--hand", choices=("scripted", "random"), default="scripted", help="what acts (scripted)")
+    episodes.add_argument("--licence", default="unknown", help="under which they are handed on (unknown)")
     for one in (show, check_, stats, again):
         one.add_argument("dataset", metavar="DIR|ADDRESS", help="a folder, or an address such as s3://bucket/folder")
     for one in (check_, again):
@@ -67,7 +77,9 @@ def _add_making(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the action; return its report."""
-    return {"make": _make, "show": _show, "check": _check, "stats": _stats, "rebuild": _rebuild}[args.action](args)
+    return {
+        "make": _make, "show": _show, "check": _check, "stats": _stats, "rebuild": _rebuild, "episodes": _episodes
+    }[args.action](args)  # fmt: skip
 
 
 def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
@@ -133,3 +145,19 @@ def _check(args: argparse.Namespace) -> dict[str, Any]:
 
 def _stats(args: argparse.Namespace) -> dict[str, Any]:
     return statistics(DataSet(args.dataset))
+
+
+def _episodes(args: argparse.Namespace) -> dict[str, Any]:
+    from .. import envs
+
+    _limits.check(args, {"episodes": _limits.Whole(1, 10**6), "seed": _limits.Whole(0, 2**31)})
+    kinds: dict[str, tuple[Any, Any]] = {
+        "needle-steering": (envs.NeedleSteering, envs.steer), "probe-navigation": (envs.ProbeNavigation, envs.navigate)
+    }  # fmt: skip
+    kind, hand = kinds[args.environment]
+    seeds, policy = range(args.seed, args.seed + args.episodes), hand if args.hand == "scripted" else envs.at_random
+    with rate("playing", quiet=args.quiet, words=("episodes", "not solved")) as progress:
+        done = envs.write_lerobot(
+            kind(observe="pixels"), policy, args.out, seeds, licence=args.licence, progress=progress
+        )  # fmt: skip
+    return {"out": str(args.out), **asdict(done)}

@@ -1,3 +1,5 @@
+from .lerobot import Written as Written
+from .lerobot import write_lerobot as write_lerobot
 from .needle_steering import NeedleSteering as NeedleSteering
 from .probe_navigation import ProbeNavigation as ProbeNavigation
 from .registration import IDS as IDS

@@ -170,13 +170,17 @@ class TrainingEnv(Env):
         image = spaces.Box(0, 255, (rows, columns, 1), np.uint8)
         return spaces.Dict({"hand": _numbers(len(self.by_hand)), "image": image})
 
+    @property
+    def state(self) -> NDArray[np.float32]:
+        """All of :attr:`numbers` as they are now, whatever is observed."""
+        return np.clip(np.array(self._values(), np.float32), -BOUND, BOUND)
+
     def _observed_now(self) -> Any:
-        values = self._values()
+        state = self.state
         if self.observe == "state":
-            return _bounded(values)
-        hand = dict(zip(self.numbers, values, strict=True))
+            return state
         return {
-            "hand": _bounded([hand[name] for name in self.by_hand]),
+            "hand": state[[self.numbers.index(name) for name in self.by_hand]],
             "image": self.episode.frame.image.pixels[..., None].copy(),
         }
 
@@ -231,7 +235,3 @@ def missing_share(error_mm: float, far_mm: float) -> float:
 
 def _numbers(count: int) -> Any:
     return spaces.Box(-BOUND, BOUND, (count,), np.float32)
-
-
-def _bounded(values: list[float]) -> NDArray[np.float32]:
-    return np.clip(np.array(values, np.float32), -BOUND, BOUND)
