@@ -13,6 +13,7 @@ from .. import _validate
 from .._extras import require
 from .._shown import size
 from ..geometry import pose
+from ..geometry.bent_needle import BentNeedle
 from ..geometry.needle import Needle
 from ..geometry.plane import ImagePlane
 from ..io.canvas import axes_or_new
@@ -222,11 +223,11 @@ def _surface(points: Array, displacement: ArrayLike) -> Any:
     return surface
 
 
-def draw_needle(ax: Any, plane: ImagePlane, needle: Needle) -> None:
+def draw_needle(ax: Any, plane: ImagePlane, needle: Needle | BentNeedle) -> None:
     """Draw a needle's foot on a plane: the shaft from its entry to its tip."""
-    (x0, y0, _), (x1, y1, _) = plane.project(np.stack([needle.entry, needle.tip]))
-    ax.plot([x0, x1], [y0, y1], color="#ff5a36", lw=1.4, solid_capstyle="butt")
-    ax.plot(x1, y1, marker=".", ms=5, color="#ff5a36")
+    x, y, _ = plane.project(needle.points).T
+    ax.plot(x, y, color="#ff5a36", lw=1.4, solid_capstyle="butt")
+    ax.plot(x[-1], y[-1], marker=".", ms=5, color="#ff5a36")
 
 
 def plot_slice(

@@ -1,3 +1,4 @@
+from .bent_needle import BentNeedle as BentNeedle
 from .grid import FACES as FACES
 from .grid import Grid as Grid
 from .grid import face_slice as face_slice

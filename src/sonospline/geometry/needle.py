@@ -77,6 +77,11 @@ class Needle(ByValue):
         """(3,) unit vector of the insertion, eq. (10)."""
         return (self.tip - self.entry) / self.depth
 
+    @property
+    def points(self) -> Array:
+        """(2, 3) entry and tip."""
+        return np.stack([self.entry, self.tip])
+
     def at(self, t: ArrayLike) -> Array:
         """Return the shaft point n(t) = n_s + t (n_t - n_s), 0 <= t <= 1, eq. (9)."""
         return self.entry + np.asarray(t, float)[..., None] * (self.tip - self.entry)

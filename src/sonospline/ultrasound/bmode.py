@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._shown import lengths, size
+from ..geometry.bent_needle import BentNeedle
 from ..geometry.needle import Needle
 from .frame import Frame
 from .optics import Optics
@@ -38,7 +39,7 @@ class BMode:
         """(rows, columns) grey levels of the picture."""
         return self.frame.pixels
 
-    def plot(self, ax: Any = None, *, needle: Needle | None = None, **style: Any) -> Any:
+    def plot(self, ax: Any = None, *, needle: Needle | BentNeedle | None = None, **style: Any) -> Any:
         """Draw the picture in mm from the middle of the probe's face on matplotlib ``Axes``; return them."""
         return self.frame.plot(ax, needle=needle, **style)
 

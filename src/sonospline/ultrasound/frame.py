@@ -22,6 +22,7 @@ from ..io.files import regular_file
 from ..io.png import png
 
 if TYPE_CHECKING:
+    from ..geometry.bent_needle import BentNeedle
     from ..geometry.needle import Needle
     from .colour_flow import ColourFlow
 
@@ -172,7 +173,7 @@ class Frame:
             pixels = np.rint(pixels)
         return replace(self, pixels=pixels.astype(self.pixels.dtype), mask=mask, colour=None)
 
-    def plot(self, ax: Any = None, *, needle: Needle | None = None, **style: Any) -> Any:
+    def plot(self, ax: Any = None, *, needle: Needle | BentNeedle | None = None, **style: Any) -> Any:
         """Draw the image in mm, depth downwards, on matplotlib ``Axes``; return them."""
         ax = axes_or_new(ax)
         ax.imshow(self.shown, origin="upper", extent=self.plane.extent, **({"cmap": "gray"} | style))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import pose
+from ..geometry.bent_needle import BentNeedle
 from ..geometry.needle import Needle
 from .needle_echo import NeedleEcho
 from .optics import CUT_WEIGHT, ELEVATION_CUT, Optics
@@ -35,7 +36,13 @@ _REAL_SHADOW_LINES = 3.0
 
 
 def echo(
-    model: NeedleEcho, needle: Needle, optics: Optics, transform: Array, seed: int = 0, *, real: bool = False
+    model: NeedleEcho,
+    needle: Needle | BentNeedle,
+    optics: Optics,
+    transform: Array,
+    seed: int = 0,
+    *,
+    real: bool = False,
 ) -> tuple[Floats, Floats]:
     """Return a needle's echoes (m, 4): line, half-sample, real and imaginary part; and its shadow (2, lines).
 
@@ -44,7 +51,8 @@ def echo(
     the same mean power; a bevel with two echoes; a comet tail; and keeps more from what lies below.
     """
     probe = optics.probe
-    shaft = needle.at(np.linspace(0, 1, max(2, int(needle.depth / POINT_MM) + 1)))
+    places = np.linspace(0, 1, max(2, int(needle.depth / POINT_MM) + 1))
+    shaft = needle.at(places)
     points = pose.to_image(transform, shaft)
     r, line, elevation = probe.beam_coordinates(points).T
     sigma = probe.elevation_sigma(r)
@@ -59,8 +67,11 @@ def echo(
     no_shadow = np.stack([np.full(probe.lines, 2 * probe.depth_mm), np.ones(probe.lines)]).astype(np.float32)
     if not seen.any():
         return np.zeros((0, 4), np.float32), no_shadow
-    direction = transform[:3, :3].T @ needle.direction
-    sine = np.abs(probe.beam_directions(points) @ direction)
+    beams = probe.beam_directions(points)
+    if isinstance(needle, BentNeedle):
+        sine = np.abs((beams * (needle.directions(places) @ transform[:3, :3])).sum(axis=1))
+    else:
+        sine = np.abs(beams @ (transform[:3, :3].T @ needle.direction))
     beta = np.degrees(np.arcsin(np.clip(sine, 0, 1)))
     rms = np.sqrt(optics.power_at(r))
     # one point's share of a line that is as bright as wanted: the beam sees sqrt(2 pi) s_along of it

@@ -16,6 +16,7 @@ from .._shown import shown
 from ..fields.field import Field
 from ..fields.grid_field import GridField, at_nodes
 from ..geometry import pose
+from ..geometry.bent_needle import BentNeedle
 from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.volume import Volume
@@ -183,7 +184,7 @@ class Scanner:
     def render(
         self,
         deformed: Field | Response | None = None,
-        needle: Needle | None = None,
+        needle: Needle | BentNeedle | None = None,
         *,
         frame: int = 0,
         time_s: float = 0.0,
@@ -198,7 +199,7 @@ class Scanner:
         deformed : Field or Response, optional
             The deformation; a field that is not known at the nodes of its grid is sampled there. A response of a
             model brings its needles.
-        needle : Needle, optional
+        needle : Needle or BentNeedle, optional
             The needle in the tissue, where it is now; by default those of the response.
         frame : int, default: 0
             Number of the frame: electronic noise differs from frame to frame.
@@ -238,7 +239,7 @@ class Scanner:
         )
 
     def _seen(
-        self, needles: tuple[Needle, ...], optics: Optics, place: NDArray[np.float64]
+        self, needles: tuple[Needle | BentNeedle, ...], optics: Optics, place: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Echoes of needles, and the shadow of all: it begins with the nearest."""
         if not needles:
@@ -313,7 +314,7 @@ class Scanner:
         return self.display.offset_db(self.probe, self.optics.speckle_power)
 
 
-def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Needle, ...]]:
+def _parted(deformed: Field | Response | None) -> tuple[Field | None, tuple[Needle | BentNeedle, ...]]:
     """The field and the needles of what is to be shown."""
     if deformed is None or isinstance(deformed, Field):
         return deformed, ()
