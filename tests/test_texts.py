@@ -27,7 +27,7 @@ from sonospline import (
     ultrasound,
 )
 from sonospline.contact.laying import begun
-from sonospline.geometry import layered_block
+from sonospline.geometry import BentNeedle, layered_block
 from sonospline.models import elastic, spline
 from sonospline.phantoms import KidneyPhantom
 
@@ -186,6 +186,7 @@ MAKERS = {
     ss.Material: ss.Material,
     ss.MaterialTable: ss.MaterialTable.assumed,
     ss.Needle: lambda: NEEDLE,
+    BentNeedle: lambda: BentNeedle([(0, 48.3333333, 48), (100 / 3, 48, 48), (200 / 3, 48, 49)]),
     ss.NeedleEcho: ss.NeedleEcho.trocar,
     ss.NeedleForce: lambda: models.NeedleForce.along((0, 0, 1), np.full(3, 1 / 3)),
     ss.NeedleTissueModel: lambda: ss.NeedleTissueModel.paper(100 / 3),

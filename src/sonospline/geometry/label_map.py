@@ -122,8 +122,9 @@ class LabelMap(Volume):
         --------
         >>> import numpy as np
         >>> from sonospline.geometry import LabelMap
-        >>> labels = LabelMap(voxels=np.array([[[1, 1, 0, 1]]], np.uint8), spacing=(1, 1, 1))
-        >>> labels.connected(1, [[0, 0, 0]]).ravel().tolist()
+        >>> voxels = np.zeros((2, 2, 4), np.uint8)
+        >>> voxels[:, :, [0, 1, 3]] = 1
+        >>> LabelMap(voxels=voxels, spacing=(1, 1, 1)).connected(1, [[0, 0, 0]])[0, 0].tolist()
         [True, True, False, False]
         """
         from scipy.ndimage import label as numbered
