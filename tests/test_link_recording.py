@@ -42,7 +42,9 @@ def test_a_client_has_a_recording_made(tmp_path):
         images = [client.wait_for("IMAGE") for _ in range(3)]
         probe = client.wait_for("TRANSFORM", "ProbeToReference")
         assert "successful" in command(client, 4, "StopRecording")["Message"]
-        assert command(client, 5, "StartRecording", OutputFilename="hand.igs.mha")["Status"] == "FAIL"  # there already
+        again = command(client, 5, "StartRecording", OutputFilename="hand.igs.mha")["Message"]
+        assert again.endswith("hand.igs.mha is there already; give a new name")
+        assert str(tmp_path) not in again
     sequence = read_pose_sequence(tmp_path / "hand.igs.mha")
     stamps = [igtl.seconds_of(image.stamp) for image in images]
     places = [int(np.argmin(np.abs(sequence.time_s - stamp))) for stamp in stamps]
@@ -107,6 +109,19 @@ def test_a_recording_is_written_while_the_link_goes_on(tmp_path, monkeypatch):
 def full_disk(self):
     with self._pixels:
         raise OSError("no space")
+
+
+def test_no_reply_names_a_folder_of_this_machine(tmp_path):
+    scene = make_scene(SceneFile.parse(SMALL_BLOCK))
+    away = tmp_path / "away"
+    with (
+        Scanner(ss.Session(scene, model="kelvinlet"), port=0, recordings=away) as scanner,
+        LinkClient(scanner.server.port) as client,
+    ):
+        for number, name in enumerate(("StartRecording", "SaveConfig")):
+            said = command(client, number, name)
+            assert (said["Status"], "No such file" in said["Message"]) == ("FAIL", True)
+            assert str(tmp_path) not in said["Message"]
 
 
 def test_nothing_is_recorded_without_a_folder():

@@ -10,8 +10,13 @@ FILE = "PlusDeviceSet_Sonospline.xml"
 
 
 def device_set_of(names: ScannerNames, host: str, port: int) -> str:
-    """Return the device set by which PlusServer takes images and poses from a link with these names."""
+    """Return the device set by which PlusServer takes images and poses from a link with these names.
+
+    Of a link that listens at every address of its machine, it is one for PlusServer on that machine.
+    """
     frames = CoordinateFrames(names)
+    if host in ("", "0.0.0.0", "::"):
+        host = "localhost"
     return plus_device_set(
         host=host, port=port, tools=(frames.probe, frames.needle, frames.tip), reference=frames.reference,
         rate=names.AcquisitionRate, orientation=names.ImageOrientation,

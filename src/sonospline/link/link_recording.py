@@ -59,11 +59,13 @@ class LinkRecording:
         return path.name
 
     def place(self, name: str) -> Path:
-        """Return where a file of that name goes; ValueError where there is no folder, or it is no plain name."""
+        """Return where a new file goes; ValueError where there is no folder, no plain name, or such a file already."""
         if self._folder is None:
             raise ValueError("there is no folder for recordings; start sonospline link with --recordings FOLDER")
         if not _NAME.fullmatch(name):
             raise ValueError("the file has no plain name; give one without folders, as hand.igs.mha")
+        if (self._folder / name).exists():
+            raise ValueError(f"{name} is there already; give a new name")
         return self._folder / name
 
     def stop(self, said: Callable[[str, int], Said]) -> Future[Said]:
@@ -90,7 +92,7 @@ class LinkRecording:
         try:
             writer.close()
         except OSError as error:
-            raise ValueError(f"{writer.path.name} could not be written: {error}") from None
+            raise ValueError(f"{writer.path.name} could not be written: {error.strerror or error}") from None
         finally:
             with self._lock:
                 self._finishing.discard(writer.path.name)

@@ -92,7 +92,9 @@ class CommandDesk:
 
 
 def _failed(error: BaseException) -> Outcome:
-    return Outcome(_FAILED, ok=False, error=str(error))
+    """Say why; of the system's errors without the path, which is nobody's business."""
+    why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return Outcome(_FAILED, ok=False, error=why)
 
 
 def _outcome_of(done: Future[Outcome]) -> Outcome:

@@ -67,8 +67,6 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
     def save_config(command: PlusCommand) -> Outcome:
         name = command.attributes.get("Filename", FILE)
         path = station.recording.place(name if name.endswith(".xml") else f"{name}.xml")
-        if path.exists():
-            raise ValueError(f"{path.name} is there already; give a new name")
         write_text(path, device_set_of(names, station.server.host, station.server.port))
         return Outcome(f"Configuration saved as {path.name}", {"Filename": path.name})
 
