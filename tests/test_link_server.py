@@ -318,7 +318,7 @@ def test_very_many_rude_clients_do_no_harm():
 
 
 def test_port_in_use(server):
-    with pytest.raises(OSError, match=f"port = {server.port} on 127.0.0.1 is taken"):
+    with pytest.raises(ValueError, match=f"port = {server.port} on 127.0.0.1 is in use"):
         LinkServer(port=server.port)
     with pytest.raises(ValueError, match="port = 70000"):
         LinkServer(port=70_000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import threading
@@ -68,9 +69,7 @@ class LinkServer:
     Raises
     ------
     ValueError
-        Numbers out of range.
-    OSError
-        The port is taken.
+        Numbers out of range, a port in use, or an address that is not this machine's.
 
     Examples
     --------
@@ -282,6 +281,7 @@ def _bound(host: str, port: int) -> socket.socket:
         made.bind((host, port))
     except OSError as error:
         made.close()
-        raise OSError(f"port = {port} on {host} is taken: {error.strerror or error}; give another one") from None
+        reason = "is in use" if error.errno == errno.EADDRINUSE else f"cannot be listened on ({error.strerror})"
+        raise ValueError(f"port = {port} on {host} {reason}; give another one, or 0 for any free one") from None
     made.listen(_BACKLOG)
     return made
