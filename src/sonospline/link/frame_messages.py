@@ -58,7 +58,11 @@ def messages_of(
     messages.append(igtl.Message(igtl.TrackingData(tools), names.Tracker, stamp))
     [target] = frames.points(frame.target_now[None])
     messages.append(
-        igtl.Message(igtl.Points((igtl.Point(target.astype(np.float32), frame.target[:64]),)), names.Targets, stamp)
+        igtl.Message(
+            igtl.Points((igtl.Point(target.astype(np.float32), frame.target.encode()[:64].decode(errors="ignore")),)),
+            names.Targets,
+            stamp,
+        )
     )
     for force in list(frame.forces.values())[:1]:
         messages += [igtl.Message(content, names.Force, stamp) for content in _force(force, frames)]

@@ -13,11 +13,18 @@ from ..io.files import read_text
 from ..io.records import LONGEST_LIST, FieldError, Record, about, read
 from ..tracking.transform_repository import frames_of
 
-Name = Annotated[str, about("Name of a device", longest=20)]
+LONGEST_NAME = 20
+"""Bytes that a message has for the name of its device."""
+Name = Annotated[str, about("Name of a device", longest=LONGEST_NAME)]
 Matrix = Annotated[tuple[float, ...], about("rows of a 4 x 4 matrix, mm", longest=16)]
 Orientation = Literal["MF", "UF", "MN", "UN"]
 ForceType = Literal["SENSOR", "STRING", "NDARRAY"]
 ORIENTATIONS: tuple[Orientation, ...] = ("MF", "UF", "MN", "UN")
+_DIFFER = (
+    ("Probe", "Needle", "Target"), ("Probe", "NeedleTip", "Target"), ("Force", "Events", "Readouts"), ("Image",),
+    ("Targets",), ("UsDevice", "Tracker"), ("OutputChannel",),
+)  # fmt: skip
+"""Every device; those in one group send the same type, so that only their names tell them apart."""
 
 
 class CoordinateDefinition(Record, frozen=True, kw_only=True):
@@ -71,6 +78,8 @@ class TrackerDevice(Record, frozen=True, kw_only=True):
                 raise FieldError(
                     ("Tools",), f"to {self.ToolReferenceFrame!r} give no transform; begin with capitals"
                 ) from None
+            if len(name) > LONGEST_NAME:
+                raise FieldError(("Tools",), f"give {name}, which no message can carry; shorten it to {LONGEST_NAME}")
 
     @property
     def transforms(self) -> tuple[str, ...]:
@@ -121,6 +130,7 @@ class ScannerNames(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         self._check_sources()
+        self._check_devices()
         tools = ("Probe", "Needle", "NeedleTip", "Target")
         references = []
         for key in (*tools, *(f"TransformNames[{k}]" for k in range(len(self.TransformNames)))):
@@ -148,6 +158,23 @@ class ScannerNames(Record, frozen=True, kw_only=True):
             raise ValueError(f"tracker = {address!r} is no address; give host:port, as localhost:18946")
         device = TrackerDevice(Id=address[:64], ServerAddress=host.strip("[]"), ServerPort=int(port))
         return structs.replace(self, Devices=(*self.Devices, device))
+
+    def _check_devices(self) -> None:
+        for group in _DIFFER:
+            keys: dict[str, str] = {}
+            for key in group:
+                name = getattr(self, key)
+                if not name.isprintable() or not 1 <= len(name.encode()) <= LONGEST_NAME:
+                    raise FieldError((key,), f"= {name!r} names no device; give 1 to {LONGEST_NAME} bytes of UTF-8")
+                if keys.setdefault(name, key) != key:
+                    raise FieldError((key,), f"= {name!r} is what {keys[name]} is called; give another name")
+        known: set[frozenset[str]] = set()
+        for number, one in enumerate(self.CoordinateDefinitions):
+            known.add(frozenset((one.From, one.To)))
+            if len(known) <= number:
+                raise FieldError(
+                    ("CoordinateDefinitions", number), f"gives {one.name} again; leave it out, or the one before"
+                )
 
     def _check_sources(self) -> None:
         owners: dict[str, str] = {}
