@@ -14,6 +14,8 @@ _KEPT, _LONGEST_S = 5, 0.15
 _FURTHEST_S = 0.1
 """How far ahead a pose is guessed at most."""
 _OFFSETS = 200
+_CLOCK_SET_S = 1.0
+"""Where stamps jump by more than that against the arrivals, the sender's clock was set, or it began anew."""
 
 
 class StampClock:
@@ -29,7 +31,10 @@ class StampClock:
         """Return when, s; the arrival where there is no stamp."""
         if not stamp_s:
             return arrival_s
-        self._offsets.append(arrival_s - stamp_s)
+        offset = arrival_s - stamp_s
+        if self._offsets and abs(offset - self._offsets[-1]) > _CLOCK_SET_S:
+            self._offsets.clear()
+        self._offsets.append(offset)
         return stamp_s + min(self._offsets)
 
 
