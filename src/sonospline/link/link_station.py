@@ -165,6 +165,8 @@ class LinkStation:
 
     def _meshes_of(self, scene: Scene) -> MeshMessages:
         if self._meshes is None or self._meshes[0] is not scene:
+            if self._meshes is not None:
+                self.server.publish(*self._meshes[1].gone())
             self._meshes = (scene, MeshMessages(scene, self.frames))
         return self._meshes[1]
 

@@ -12,10 +12,9 @@ from .. import igtl
 from ..fields.field import Field
 from ..simulator.scene import Scene
 from .coordinate_frames import CoordinateFrames
+from .scanner_names import LONGEST_NAME
 
 logger = logging.getLogger(__name__)
-
-_LONGEST = 20
 
 
 class MeshMessages:
@@ -34,6 +33,7 @@ class MeshMessages:
         self._apart_s, self._due = 1 / rate if rate else np.inf, 0.0 if rate else np.inf
         self._ready = threading.Event()
         self._making: threading.Thread | None = None
+        self._sent: set[str] = set()
 
     def of(self, field: Field, stamp: int) -> list[igtl.Message]:
         """Return the surfaces as a field deforms them; nothing where it is too early."""
@@ -59,7 +59,14 @@ class MeshMessages:
                 self._frames.points(points).astype(np.float32), polygons=mesh.indices, attributes=(moved,)
             )
             messages.append(igtl.Message(content, name, stamp))
+        self._sent |= taken
         return messages
+
+    def gone(self) -> list[igtl.Message]:
+        """Return empty surfaces of every name that was sent: clients keep what they hear no more of."""
+        return [
+            igtl.Message(igtl.PolyData(np.empty((0, 3), np.float32)), name, igtl.now()) for name in sorted(self._sent)
+        ]
 
     def _prepare(self) -> None:
         if self._making is None:
@@ -86,11 +93,11 @@ def device_name(text: str, taken: set[str]) -> str:
     >>> [device_name(name, taken) for name in ("pelvicalyceal system", "pelvicalyceal system 2", "skin")]
     ['pelvicalyceal system', 'pelvicalyceal syst_1', 'skin']
     """
-    name, number = _short(text, _LONGEST), 0
+    name, number = _short(text, LONGEST_NAME), 0
     while name in taken:
         number += 1
         ending = f"_{number}"
-        name = _short(text, _LONGEST - len(ending)) + ending
+        name = _short(text, LONGEST_NAME - len(ending)) + ending
     taken.add(name)
     return name
 
