@@ -16,6 +16,10 @@ MOST_MESSAGES_S = 4096
 """Messages a second that are read of one client; those beyond wait in its socket."""
 _AT_ONCE = 32
 """Messages of one client that are looked at before the others have their turn."""
+_ARRAYS, _MOST_OF_OTHERS = frozenset({"IMAGE", "POLYDATA", "NDARRAY"}), 1 << 18
+"""Types whose bytes are taken as they are; of every other type so many, for it is read entry by entry."""
+_LONG = 1 << 14
+"""After a body of more bytes the others have their turn."""
 _SLOWEST_BYTES_S = 1e6
 """How fast a long message has to come."""
 _BUFFERED = 1 << 16
@@ -208,6 +212,8 @@ class Connection(asyncio.Protocol):
             self._in_second += 1
             self._stop_waiting()
             self._take(*found)
+            if len(found[1]) > _LONG:
+                break
         self._rest(0.0)
 
     def _may_read(self) -> bool:
@@ -264,6 +270,8 @@ class Connection(asyncio.Protocol):
         reads = self._limits.reads
         if reads is not None and header.type not in reads and header.type[:4] not in ("GET_", "STT_", "STP_"):
             raise igtl.UnknownTypeError(f"{header.what} is of a type that is not read here")
+        if header.type not in _ARRAYS and len(body) > _MOST_OF_OTHERS:
+            raise igtl.SizeError(f"{header.what} has {len(body)} bytes; of its type {_MOST_OF_OTHERS} are read at most")
         return igtl.decode_body(header, body)
 
     def _refuse(self, line: str) -> None:
