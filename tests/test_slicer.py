@@ -188,6 +188,62 @@ def test_every_reference_in_a_scene_leads_somewhere(session, tmp_path):
         Mrml().write(tmp_path / "case.zip")
 
 
+def test_modules_find_what_they_look_for(session):
+    """By their sources (SlicerIGT 47c8b3a, SlicerOpenIGTLink d090ca4): tags, roles, attributes and classes of nodes.
+
+    Volume Reslice Driver puts a slice whose mode is 6, transverse, along the image's axes, turned about x by 180
+    degrees where it is flipped, with its origin in the image's middle.
+    """
+    root = ElementTree.fromstring(slicer_scene(session, drive=18946, watch="vessel").text())
+    nodes = {node.attrib["id"]: node for node in root}
+
+    def pairs(node, key):
+        return dict(part.split(":") for part in filter(None, node.attrib[key].split(";")))
+
+    [warning] = root.findall("BreachWarning")
+    model, tool = (nodes[pairs(warning, "references")[role]] for role in ("watchedModelNode", "toolTransformNode"))
+    assert (model.tag, tool.tag, tool.attrib["name"]) == ("Model", "LinearTransform", "NeedleTipToReference")
+
+    [red] = [node for node in root.findall("Slice") if node.attrib["layoutName"] == "Red"]
+    driver = pairs(red, "attributes")
+    assert driver.pop("VolumeResliceDriver.Driver") == next(iter(root.findall("Volume"))).attrib["id"]
+    assert driver == {"VolumeResliceDriver.Mode": "6", "VolumeResliceDriver.Flip": "1"}
+    plane = session.last.image.plane
+    found = np.array(red.attrib["sliceToRAS"].split(), float).reshape(4, 4)
+    middle = plane.image_to_reference @ [
+        *(0.5 * np.array(plane.spacing_mm) * session.last.image.pixels.shape[::-1]),
+        0,
+        1,
+    ]
+    np.testing.assert_allclose(found[:3, :3], plane.image_to_reference[:3, :3] @ np.diag([1, -1, -1]), atol=1e-6)
+    np.testing.assert_allclose(found[:3, 3], middle[:3], atol=max(plane.spacing_mm))
+
+    client, server = root.findall("IGTLConnector")
+    asked = ("connectorType", "serverHostname", "serverPort", "persistent", "state", "restrictDeviceName")
+    assert [client.attrib[name] for name in asked] == ["CLIENT", "localhost", "18944", "1", "2", "0"]
+    assert (server.attrib["connectorType"], server.attrib["serverPort"]) == ("SERVER", "18946")
+    for id_ in pairs(server, "references")["outgoing"].split():
+        assert pairs(nodes[id_], "attributes") == {"OpenIGTLinkIF.pushOnConnect": "true"}
+    tags = {"IMAGE": "Volume", "TRANSFORM": "LinearTransform", "POINT": "MarkupsFiducial"}
+    sent = messages_of(session.last, waiting_pose(session.scene), CoordinateFrames(ScannerNames()))
+    for device, tag in ((one.device, tags.get(one.content.type)) for one in sent):
+        assert tag is None or any(node.attrib["name"] == device for node in root.findall(tag)), device
+
+
+@pytest.mark.slow
+def test_slicers_core_records_sequences_of_the_scene(session, tmp_path):
+    """Image, transform, surface and fiducials, twice: what its module Sequences has a browser for."""
+    slicer_scene(session).write(tmp_path / "case.mrb")
+    names = ["NeedleTipToReference", "Image_Reference", "vessel", "Targets"]
+    recorded = slicer_core.read(tmp_path / "case.mrb", record=names)["recorded"]
+    kinds = [f"vtkMRML{kind}Node" for kind in ("LinearTransform", "ScalarVolume", "Model", "MarkupsFiducial")]
+    assert [recorded[name]["classes"] for name in names] == [[kind] * 2 for kind in kinds]
+    first, second = recorded["NeedleTipToReference"]["poses"]
+    went = np.zeros((4, 4))
+    went[0, 3] = 5
+    np.testing.assert_allclose(np.array(second) - first, went, atol=1e-9)
+
+
 @pytest.mark.slow
 def test_slicers_core_opens_the_scene(session, tmp_path):
     """Every node is resolved, and image, models, target and needle are where they are in the simulator's world."""

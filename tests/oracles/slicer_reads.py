@@ -104,6 +104,32 @@ def harden(name, file):
     return bool(done and store.WriteData(node))
 
 
+def recorded(names):
+    """What a browser of sequences has of nodes after two moments; in between the first, a transform, moves by 5 mm."""
+    logic = slicer.vtkSlicerSequencesLogic()
+    logic.SetMRMLScene(scene)
+    browser = scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode")
+    nodes = [scene.GetFirstNodeByName(name) for name in names]
+    sequences = [logic.AddSynchronizedNode(None, node, browser) for node in nodes]
+    browser.SetRecording(None, True)
+    browser.SetRecordingSamplingMode(browser.SamplingAll)
+    browser.SetRecordingActive(True)
+    browser.SaveProxyNodesState()
+    matrix = vtk.vtkMatrix4x4()
+    nodes[0].GetMatrixTransformToParent(matrix)
+    matrix.SetElement(0, 3, matrix.GetElement(0, 3) + 5)
+    nodes[0].SetMatrixTransformToParent(matrix)
+    while min(sequence.GetNumberOfDataNodes() for sequence in sequences) < 2:  # a moment has a millisecond
+        browser.SaveProxyNodesState()
+    found = {}
+    for name, sequence in zip(names, sequences, strict=True):
+        ends = [sequence.GetNthDataNode(number) for number in (0, sequence.GetNumberOfDataNodes() - 1)]
+        found[name] = {"classes": [node.GetClassName() for node in ends]}
+        if name == names[0]:
+            found[name]["poses"] = [pose_of(node) for node in ends]
+    return found
+
+
 unknown = []
 """Classes of nodes that only extensions know."""
 order = json.load(sys.stdin)
@@ -122,6 +148,8 @@ if "from_parent" in order:  # as the core sets the grid up, and with the interpo
     back.SetInterpolationModeToLinear()
     answer["from_parent_linearly"] = [back.TransformPoint(point) for point in order["from_parent"]]
     back.SetInterpolationModeToCubic()
+if "record" in order:
+    answer["recorded"] = recorded(order["record"])
 if "harden" in order:  # nodes by name, each into a file
     answer["hardened"] = [harden(name, file) for name, file in order["harden"].items()]
 if "save" in order:  # a segmentation as 3D Slicer itself writes it
