@@ -197,7 +197,10 @@ def test_a_calibration_of_plus_says_where_the_face_is():
 
 
 def test_the_scene_of_plus_finds_its_names():
-    """What PLUS's simulated ultrasound for 3D Slicer asks for and sends, and its calibration, by its device set."""
+    """What PLUS's simulated ultrasound for 3D Slicer asks for and sends, and its calibration, by its device set.
+
+    PlusLibData 51dcbb7, ConfigFiles/PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml.
+    """
     names = ScannerNames().with_tracker("localhost:18946")
     assert names.Devices[0].transforms == ("ProbeToTracker", "NeedleToTracker", "ReferenceToTracker")
     assert (names.Image, names.Probe, names.NeedleTip) == (

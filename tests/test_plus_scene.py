@@ -1,6 +1,8 @@
 """PLUS's own scene of a simulated scanner, SimulatedUltrasound_3DSlicer: what it asks for and sends, it finds here.
 
-The names are those of its device set and of the scene of 3D Slicer that belongs to it, taken from their XML as facts.
+The names are facts from the XML of PlusLibData, commit 51dcbb7: the device set
+ConfigFiles/PlusDeviceSet_Server_SimulatedUltrasound_3DSlicer.xml, and the scene of 3D Slicer that belongs to it, the
+.mrml in ConfigFiles/SimulatedUltrasound_Scene.mrb.
 """
 
 import numpy as np
