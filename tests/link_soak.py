@@ -54,3 +54,14 @@ def soak(seconds, headers, scene):
         "messages": sent, "images": images, "longest_gap_s": gap, "memory_mb": [early, late], "clients_left": left,
         "threads_and_files": [before, after], "errors": errors[:3],
     }  # fmt: skip
+
+
+def leaks(found):
+    """What is left over afterwards, in words; memory may grow by a tenth and 20 MB."""
+    early, late = found["memory_mb"]
+    (threads, files), (threads_after, files_after) = found["threads_and_files"]
+    kept = {
+        "errors": found["errors"], "clients": found["clients_left"], "memory": late >= 1.1 * early + 20,
+        "threads": threads_after > threads + 1, "files": files_after > files + 1,
+    }  # fmt: skip
+    return [name for name, is_left in kept.items() if is_left]
