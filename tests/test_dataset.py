@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import pickle
 import shutil
 from collections import Counter
 
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 import sonospline as ss
 from small_datasets import SMALL, small
 from sonospline import cli
-from sonospline.dataset import DataSet, Plan, Recipe, Specification, World, make_dataset
+from sonospline.dataset import DataSet, Plan, Recipe, Specification, World, make_dataset, torch_samples
 from sonospline.dataset.checking import Checked, check
 from sonospline.dataset.draws import Stream, even, stream
 from sonospline.dataset.image_truth import displacement_now, labels_now, needle_pixels
@@ -185,6 +186,29 @@ def test_every_sample_of_a_split_comes_once(made):
     assert found == Counter(range(6))
     split = {row["anatomy"]: row["split"] for row in made.rows()}
     assert all(row["split"] == split[row["anatomy"]] for row in made.rows())
+
+
+def test_batches_are_the_samples_in_their_order(made):
+    alone = list(made.samples(None, ["image", "displacement"], shuffle=3))
+    batches = list(made.batches(2, None, ["image", "displacement"], shuffle=3))
+    assert [len(batch["index"]) for batch in batches] == [2, 2, 2]
+    for name in ("index", "image", "displacement"):
+        assert np.array_equal(np.concatenate([batch[name] for batch in batches]), [one[name] for one in alone])
+    with pytest.raises(ValueError, match="size = 0"):
+        next(made.batches(0))
+
+
+def test_pytorch_reads_every_pass_in_an_order_of_its_own(made):
+    torch = pytest.importorskip("torch", reason="needs the extra 'torch'")
+    orders = []
+    for batch, size in ((None, 2), (2, None)):
+        found = torch_samples(made, None, ["image"], shuffle=0, batch=batch)
+        loader = torch.utils.data.DataLoader(found, batch_size=size)
+        orders += [torch.cat([one["index"] for one in loader]).tolist() for _ in range(2)]
+    assert orders[:2] == orders[2:] and orders[0] != orders[1]
+    assert sorted(orders[0]) == list(range(6))
+    again = pickle.loads(pickle.dumps(found))
+    assert [batch["image"].shape for batch in again] == [(2, 32, 32)] * 3
 
 
 def test_an_edited_shard_is_found(made, tmp_path):

@@ -166,6 +166,39 @@ class DataSet:
         part, parts : int
             Which of so many readers this is: each has shards of its own.
         """
+        for first, held, chosen in self._shards_read(split, arrays, shuffle, part, parts):
+            for place in chosen:
+                yield {**{name: array[place] for name, array in held.items()}, "index": np.array(first + place)}
+
+    def batches(
+        self,
+        size: int,
+        split: str | None = None,
+        arrays: Sequence[str] | None = None,
+        *,
+        shuffle: int | None = None,
+        part: int = 0,
+        parts: int = 1,
+    ) -> Iterator[Arrays]:
+        """Yield the samples of a split in batches, along the first axis: each of one shard, whose last may be smaller.
+
+        Parameters
+        ----------
+        size : int
+            Samples of a batch.
+        split, arrays, shuffle, part, parts
+            As for :meth:`samples`, whose order it is.
+        """
+        _validate.count("size", size)
+        for first, held, chosen in self._shards_read(split, arrays, shuffle, part, parts):
+            for start in range(0, len(chosen), size):
+                places = np.array(chosen[start : start + size])
+                yield {**{name: array[places] for name, array in held.items()}, "index": first + places}
+
+    def _shards_read(
+        self, split: str | None, arrays: Sequence[str] | None, shuffle: int | None, part: int, parts: int
+    ) -> Iterator[tuple[int, Arrays, list[int]]]:
+        """For each shard in order its first sample, its arrays, and which of its samples are meant, in order."""
         self._check_split(split)
         names = tuple(self.forms) if arrays is None else tuple(arrays)
         for name in names:
@@ -180,9 +213,7 @@ class DataSet:
             if random is not None:
                 random.shuffle(chosen)
             converted = {name: self.in_units(name, held[name]) for name in names}
-            first = number * self.specification.shard
-            for place in chosen:
-                yield {**{name: converted[name][place] for name in names}, "index": np.array(first + place)}
+            yield number * self.specification.shard, converted, chosen
 
     def _check_split(self, split: str | None) -> None:
         if split is not None:
