@@ -21,6 +21,7 @@ from sonospline import cli
 from sonospline.simulator import SceneFile, Session, TissueSettings, make_scene
 from sonospline.training import Recorder, Recording, Trace, measure, replay
 from sonospline.training import recorder as recorder_module
+from sonospline.training.step import step_of
 
 pytest.importorskip("mcap", reason="mcap is not installed (pip install 'sonospline[record]')")
 ENTRY = np.array([26.0, 30.0, 0.0])
@@ -121,10 +122,11 @@ def test_ten_minutes_take_less_than_ten_megabytes(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_module.time, "monotonic", lambda: float(next(clock)))
 
     def moving(session):
-        first = session.step(needles=needle(20), dt=1 / 60)
+        first, now = session.step(needles=needle(20)), 0.0
         for k in range(600):
-            moved = needle(5 + 0.05 * np.sqrt(k))
-            yield replace(first, number=k, time_s=k / 60, needles=moved, probe_to_reference=pose(0.1 * np.sqrt(k)))
+            moved, dt = needle(5 + 0.05 * np.sqrt(k)), round(1 / 60 + 1e-4 * float(np.sin(k)), 6)
+            now += dt
+            yield replace(first, number=k, time_s=now, dt=dt, needles=moved, probe_to_reference=pose(0.1 * np.sqrt(k)))
 
     record(tmp_path / "a.mcap", scene, moving)
     assert (tmp_path / "a.mcap").stat().st_size < 1e6 * 600 / 3600
@@ -256,8 +258,23 @@ def test_a_recording_of_another_format_is_refused(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_module, "FORMAT", "0")
     record(tmp_path / "old.mcap", scene, lambda session: [session.step()])
     monkeypatch.undo()
-    with pytest.raises(ValueError, match=r"^old.mcap is a recording of format '0'; this version reads 1: replay"):
+    with pytest.raises(ValueError, match=r"^old.mcap is a recording of format '0'; this version reads 1 and 2: "):
         Recording.read(tmp_path / "old.mcap")
+
+
+def test_a_recording_of_the_format_before_is_read(scene, recorded, tmp_path, monkeypatch):
+    path, frames = recorded
+    monkeypatch.setattr(recorder_module, "FORMAT", "1")
+
+    def timed(frame, *of):
+        return msgspec.structs.replace(step_of(frame, *of), time_s=frame.time_s)
+
+    monkeypatch.setattr(recorder_module, "step_of", timed)
+    with Recorder(tmp_path / "before.mcap", scene) as recorder:
+        for frame in frames:
+            recorder.add(frame)
+    old, new = Recording.read(tmp_path / "before.mcap"), Recording.read(path)
+    assert old.steps == new.steps and old.header["format"] == "1"
 
 
 def test_the_verb_checks_every_pixel_and_prints_the_metrics(tmp_path, capsys):

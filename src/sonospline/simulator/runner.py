@@ -256,7 +256,7 @@ class Runner(Generic[S]):
         while self._wait(begun):
             before, begun = begun, time.perf_counter()
             submitted = self._obey()
-            dt = min(begun - before, _LONGEST_DT_S) if before >= 0 else 0.0
+            dt = round(min(begun - before, _LONGEST_DT_S), 6) if before >= 0 else 0.0  # what recordings keep
             try:
                 frame = self.console.step(None if submitted is None else submitted.command, dt)
             except Exception as error:  # the console goes on with its last frame, whatever failed

@@ -22,8 +22,10 @@ from ..simulator.simulated_frame import SimulatedFrame
 from .step import Step, made_whole, step_of
 from .trace import Sample
 
-FORMAT = "1"
-"""Of recordings; a reader refuses others."""
+FORMAT = "2"
+"""Of recordings."""
+READ_FORMATS = ("1", FORMAT)
+"""Others are refused; in 1 every step has its time."""
 HEADER, STEPS = "sonospline", "/steps"
 _KEPT_S = 0.5
 """Of the clock, that is lost at most when the process is killed."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from .._digest import digest_of_bytes
 from .._extras import require
 from .._shown import shown
-from .recorder import FORMAT, HEADER, STEPS
+from .recorder import HEADER, READ_FORMATS, STEPS
 from .step import Step, made_whole
 from .trace import Trace
 
@@ -59,9 +59,10 @@ class Recording:
             raise ValueError(f"{path.name} has {path.stat().st_size} bytes; a recording has {_LARGEST} at most")
         content = path.read_bytes()
         header, messages, whole = _parts(path.name, content)
-        if header.get("format") != FORMAT:
+        if header.get("format") not in READ_FORMATS:
             raise ValueError(
-                f"{path.name} is a recording of format {shown(header.get('format'))}; this version reads {FORMAT}: "
+                f"{path.name} is a recording of format {shown(header.get('format'))}; this version reads "
+                f"{' and '.join(READ_FORMATS)}: "
                 f"replay it with sonospline {header.get('version', '?')}"
             )
         steps = tuple(_steps(path.name, messages))
@@ -72,7 +73,7 @@ class Recording:
     @property
     def seconds(self) -> float:
         """Of the session's time, from the first step to the last."""
-        return self.steps[-1].time_s - self.steps[0].time_s
+        return _time_of(self.steps[-1]) - _time_of(self.steps[0])
 
     @property
     def attempt(self) -> tuple[Step, ...]:
@@ -124,8 +125,15 @@ def parents(steps: tuple[Step, ...]) -> list[int]:
 def _last_at_each_time(steps: tuple[Step, ...]) -> list[Step]:
     """Of steps at one time the last."""
     return [
-        step for step, after in zip(steps, (*steps[1:], None), strict=True) if not after or after.time_s > step.time_s
+        step
+        for step, after in zip(steps, (*steps[1:], None), strict=True)
+        if not after or _time_of(after) > _time_of(step)
     ]
+
+
+def _time_of(step: Step) -> float:
+    """When a whole step is."""
+    return cast(float, step.time_s)
 
 
 def _known(values: list[float | None]) -> Any:

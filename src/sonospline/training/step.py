@@ -34,10 +34,10 @@ class RecordedNeedle(Record, frozen=True, kw_only=True):
 
 
 class Step(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """One step; poses and settings that are as in the step it goes on from are left out."""
+    """One step; what follows from the step before is left out: poses and settings as there, its time plus dt."""
 
     number: Annotated[int, about("of the frame; it goes on from the latest of the number before", low=0)]
-    time_s: Annotated[float, about("of the session", low=0.0)]
+    time_s: Annotated[float, about("of the session", low=0.0)] | None = None
     dt: Annotated[float, about("seconds that the step took", low=0.0)]
     image: Annotated[str, about("fingerprint of the pixels, BLAKE2b of 8 bytes")]
     target_now: Annotated[Point, about("where the target is, RAS mm")]
@@ -56,7 +56,8 @@ class Step(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     def __repr__(self) -> str:
         inside = "as before" if self.needles is None else ", ".join(self.needles) or "no needle"
-        return f"Step({self.number}, {self.time_s:.4g} s, {inside})"
+        now = f"after {self.dt:.4g}" if self.time_s is None else f"{self.time_s:.4g}"
+        return f"Step({self.number}, {now} s, {inside})"
 
 
 _STAYS = ("model", "target", "target_rest", "needles", "probe_to_reference", "settings", "tissue")
@@ -74,6 +75,8 @@ def step_of(frame: SimulatedFrame, sample: Sample, before: Step | None) -> Step:
     if before is None:
         return whole
     same = {name: None for name in _STAYS if getattr(whole, name) == getattr(before, name)}
+    if whole.time_s == _after(before, whole):
+        same["time_s"] = None
     return Step(**({name: getattr(whole, name) for name in Step.__struct_fields__} | same))
 
 
@@ -85,11 +88,16 @@ def made_whole(step: Step, before: Step | None) -> Step:
     ValueError
         There is no step before from which it could be had.
     """
-    missing = [name for name in _STAYS if getattr(step, name) is None]
+    missing = [name for name in (*_STAYS, "time_s") if getattr(step, name) is None]
     if missing and before is None:
         raise ValueError(f"step {step.number} lacks {', '.join(missing)}, and nothing before says what they were")
-    filled = {name: getattr(before, name) for name in missing}
+    filled = {name: _after(before, step) if name == "time_s" else getattr(before, name) for name in missing}
     return Step(**({name: getattr(step, name) for name in Step.__struct_fields__} | filled))
+
+
+def _after(before: Step | None, step: Step) -> float | None:
+    """When a step is, where it goes on from a whole one."""
+    return None if before is None or before.time_s is None else before.time_s + step.dt
 
 
 def _whole(frame: SimulatedFrame, sample: Sample) -> Step:
