@@ -45,6 +45,20 @@ def test_names_that_clients_choose_are_bounded_and_a_refused_pose_owns_nothing()
     assert "NeedleToPlace2" in tracking.moving and "ReferenceToTracker" in tracking.moving
 
 
+def test_poses_of_real_trackers_are_taken_as_the_nearest_rigid_ones():
+    """An electromagnetic tracker's, whose axes are off by 4e-4: from PLUS's recording WaterTankBottomTranslation."""
+    rows = [[0.0087153, -0.161504, 0.986973, 194.556], [0.127109, 0.979214, 0.159142, -32.4817],
+            [-0.991883, 0.124029, 0.0291359, 5.69268], [0, 0, 0, 1]]  # fmt: skip
+    tracking = ToolTracking(CoordinateFrames(ScannerNames()))
+    tracking.take("NeedleToReference", rows, source="plus")
+    tip = tracking.tip()
+    np.testing.assert_allclose(tip, rows, atol=3e-4)
+    np.testing.assert_allclose(tip[:3, :3].T @ tip[:3, :3], np.eye(3), atol=1e-12)
+    for wrong in (np.diag([1.01, 1, 1, 1]), np.array([[1, 0.02, 0, 0], *np.eye(4)[1:]])):
+        with pytest.raises(ValueError, match="is not rigid"):
+            tracking.take("NeedleToReference", wrong, source="plus")
+
+
 def test_who_comes_again_and_again_leaves_nothing_behind():
     now = Clock()
     tracking = ToolTracking(CoordinateFrames(ScannerNames()), clock=now)

@@ -21,8 +21,11 @@ _NEARLY = 1e-4 + 1e-5 * _UPRIGHT
 _LAST = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def rigid(name: str, matrix: ArrayLike) -> Array:
-    """Return a rigid (4, 4) transform, read-only; ValueError for one that shears, scales, mirrors or collapses."""
+def rigid(name: str, matrix: ArrayLike, *, within: float | Array = _NEARLY) -> Array:
+    """Return a rigid (4, 4) transform, read-only; ValueError for one that shears, scales, mirrors or collapses.
+
+    Products of its columns may be off by ``within``; it is freed of that.
+    """
     try:
         transform = np.array(matrix, float)
     except (TypeError, ValueError):
@@ -33,7 +36,7 @@ def rigid(name: str, matrix: ArrayLike) -> Array:
         raise ValueError(f"{name} = {shown(transform.tolist())} contains NaN or infinity; give finite numbers")
     rotation = transform[:3, :3]
     determinant = np.linalg.det(rotation)
-    if not (np.abs(rotation.T @ rotation - _UPRIGHT) <= _NEARLY).all() or determinant < 0:
+    if not (np.abs(rotation.T @ rotation - _UPRIGHT) <= within).all() or determinant < 0:
         raise ValueError(
             f"{name} is not rigid (determinant {determinant:.4g}); its columns must be orthonormal unit vectors in mm, "
             "right-handed: fold pixel sizes into spacing_mm"
@@ -41,7 +44,7 @@ def rigid(name: str, matrix: ArrayLike) -> Array:
     if not (np.abs(transform[3] - _LAST) <= 1e-8 + 1e-5 * _LAST).all():
         raise ValueError(f"{name} has the last row {transform[3].tolist()}; give 0, 0, 0, 1")
     left, _, right = np.linalg.svd(rotation)
-    transform[:3, :3] = left @ right  # freed of the rounding of files
+    transform[:3, :3] = left @ right
     transform.setflags(write=False)
     return transform
 

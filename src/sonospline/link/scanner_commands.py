@@ -37,14 +37,12 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         return Outcome(text, {name: value, "persistent": "false", "date": "", "error": "0"})
 
     def update_transform(command: PlusCommand) -> Outcome:
-        from ..geometry.pose import rigid
-
         name = command.attribute("TransformName")
         try:
             matrix = np.array(command.attribute("TransformValue").split(), float).reshape(4, 4)
         except ValueError:
             raise ValueError("TransformValue is not sixteen numbers; give the rows of a matrix") from None
-        station.move(name, rigid("TransformValue", matrix))
+        station.move(name, matrix)
         return Outcome(f"UpdateTransform ({name}) completed successfully")
 
     def clutch(command: PlusCommand) -> Outcome:

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 NEEDLE, PROBE = "needle", "probe"
 OWNED_S = 2.0
 """How long a transform stays with the sender that gave it last."""
+_MEASURED = 5e-3
+"""How far the axes of a measured pose may be from upright: ten times the most in PLUS's recordings of trackers."""
 _MOST_NAMES = 64
 """Of transforms, which clients choose; those of the tools themselves and of trackers that are set up come besides."""
 
@@ -101,7 +103,7 @@ class ToolTracking:
         name : str
             ``NeedleToTracker``, for example.
         matrix : (4, 4) array_like
-            mm, rigid.
+            mm, rigid but for what trackers round: the nearest such pose is taken.
         source : str
             Who gives it; another who gave it within two seconds is asked first.
         stamp_s : float, optional
@@ -115,7 +117,7 @@ class ToolTracking:
             Not rigid, somebody else's, in contradiction to what is known, or one more than are followed.
         """
         now = self._clock()
-        pose = rigid(name, matrix) if seen else None
+        pose = rigid(name, matrix, within=_MEASURED) if seen else None
         with self._lock:
             self._refuse_second(name, source, now)
             given_up = self._in_place_of(name, source, now)
