@@ -74,10 +74,10 @@ class Aimed:
         *,
         diffuse: bool,
         power: Array,
-    ) -> bool:
-        """Choose the scatterers that may come into the slice, unless it has them; return False where there are none."""
+    ) -> bool | None:
+        """Choose the scatterers that may come into the slice; False where there are none, None where it has them."""
         if field.grid is self.grid and largest_mm <= self.margin_mm:
-            return True
+            return None
         margin = 1.5 * largest_mm if largest_mm > self.margin_mm else self.margin_mm
         seen = aim(
             phantom, self.optics, probe_to_reference, field.grid, margin, seed, diffuse=diffuse, power=power

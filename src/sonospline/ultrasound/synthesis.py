@@ -126,6 +126,7 @@ class Scanner:
             raise ValueError(f"seed = {seed} is too large; give at most {_LARGEST_SEED}")
         margin_mm = _validate.number("margin_mm", margin_mm, positive=True)
         self.probe_to_reference = pose.rigid("probe_to_reference", probe_to_reference)
+        self._blind = False
         self._use(probe, picture_shape, margin_mm)
 
     def moved(self, probe_to_reference: ArrayLike) -> Scanner:
@@ -292,8 +293,9 @@ class Scanner:
             self._tissue, self.probe_to_reference, field, largest_mm, self.seed,
             diffuse=self.artefacts.diffuse, power=self.optics.speckle_power,
         )  # fmt: skip
-        if not sees:
+        if sees is False and not self._blind:  # said once, until it has seen something
             logger.warning("the probe sees nothing: its plane misses the phantom, or all of it is fluid")
+        self._blind = self._blind if sees is None else not sees
 
     @cached_property
     def _still(self) -> GridField:
