@@ -86,17 +86,14 @@ def echo(
     count, factor = (_COMET_COPIES, _COMET_FACTOR) if real else (_COPIES, _COPY_FACTOR)
     copies = np.arange(count + 1)
     strength = np.where(copies[:, None] == 0, 1.0, ring * factor ** copies[:, None]) * amplitude
-    later = r + copies[:, None] * model.reverberation_mm
-    lines = np.broadcast_to(line, later.shape)
-    bright = 10 ** (model.tip_db(beta[-1]) / 20) * rms * profile * seen
     ends, levels = ([-1, heel], _BEVEL_DB) if real else ([-1], (0.0,))
-    tip = bright[ends] * 10 ** (np.array(levels) / 20)
-    kept = (strength > (_FAINTEST * amplitude if real else -1)) & seen
-    parts = [np.append(a[kept], b) for a, b in ((lines, line[ends]), (later, r[ends]), (strength, tip))]
-    echoes = np.column_stack([parts[0], parts[1] / optics.half_sample_mm, parts[2], np.zeros(len(parts[0]))])
-    return echoes.astype(np.float32), _shadow(
-        model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow, real
-    )
+    tip = (10 ** (model.tip_db(beta[-1]) / 20) * rms * profile * seen)[ends] * 10 ** (np.array(levels) / 20)
+    copy, at = np.nonzero((strength > (_FAINTEST * amplitude if real else -1)) & seen)
+    echoes = np.zeros((len(at) + len(ends), 4), np.float32)
+    echoes[:, 0] = np.append(line[at], line[ends])
+    echoes[:, 1] = np.append(r[at] + copy * model.reverberation_mm, r[ends]) / optics.half_sample_mm
+    echoes[:, 2] = np.append(strength[copy, at], tip)
+    return echoes, _shadow(model, r[seen], line[seen], elevation[seen], sigma[seen], probe.lines, no_shadow, real)
 
 
 def _shadow(
