@@ -17,7 +17,7 @@ from ..ultrasound.display import GREY_MAPS, Display, slider_db
 from ..ultrasound.doppler import Doppler
 from ..ultrasound.frame import Frame
 from ..ultrasound.needle_echo import NeedleEcho
-from ..ultrasound.optics import picture_plane
+from ..ultrasound.optics import picture_plane, picture_shape
 from ..ultrasound.phantom import Phantom
 from ..ultrasound.probe import Probe
 from ..ultrasound.reslice import Reslicer
@@ -89,7 +89,7 @@ class SyntheticImager(Imager):
     def render(
         self, field: GridField, needle: Needle | None, *, frame: int, settings: ImageSettings, time_s: float = 0.0
     ) -> Frame:
-        shape = picture_plane(self.probe, self.probe_to_reference, None, settings.pixels).shape
+        shape = picture_shape(self.probe, settings.pixels)
         if shape != self._scanner.plane.shape:
             self._scanner = self._scanner.with_picture(shape)
         knobs = {

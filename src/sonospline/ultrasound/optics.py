@@ -165,11 +165,17 @@ def picture_plane(
     left, right, top, bottom = probe.footprint
     width, height = right - left, bottom - top
     if shape is None:
-        spacing = max(width, height) / pixels
-        shape = (round(height / spacing), round(width / spacing))
+        shape = picture_shape(probe, pixels)
     spacing = max(height / shape[0], width / shape[1])
     corner = ((left + right - (shape[1] - 1) * spacing) / 2, (top + bottom - (shape[0] - 1) * spacing) / 2)
     return ImagePlane.placed(probe_to_reference, shape=shape, spacing_mm=(spacing, spacing), corner_mm=corner)
+
+
+def picture_shape(probe: Probe, pixels: int) -> tuple[int, int]:
+    """Return rows and columns of a probe's picture with so many pixels along its longer side."""
+    left, right, top, bottom = probe.footprint
+    spacing = max(right - left, bottom - top) / pixels
+    return round((bottom - top) / spacing), round((right - left) / spacing)
 
 
 class Scan(NamedTuple):
