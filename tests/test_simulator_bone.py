@@ -66,6 +66,14 @@ def test_a_push_stops_at_bone_whatever_the_model_knows_of_it(scene, model):
     assert push(console, 0.0).readouts.moved == 0
 
 
+def test_console_session_and_model_look_once_for_bone_before_a_needle(console, monkeypatch):
+    push(console, 5.0)
+    looked = []
+    monkeypatch.setattr(TissueMap, "_first_met", lambda self, needle, rigid: looked.append(needle))
+    push(console, 8.0)
+    assert [needle.depth for needle in looked] == [pytest.approx(8.0, abs=0.1)]
+
+
 def test_a_needle_over_bone_at_the_skin_does_not_go_in(console):
     frame = push(console, 5.0, u=36.0)
     assert (frame.blocked, frame.bone, frame.needle, frame.command.needle.depth) == ("bone", "rib_left_7", None, 0)

@@ -254,6 +254,14 @@ class TissueMap:
 
     def _unmoved(self, needle: Needle, rigid: NDArray[np.bool_]) -> Obstacle | None:
         """The first of some of the labels known that a needle enters, where they are in undeformed tissue."""
+        line = (needle.entry.tobytes(), needle.tip.tobytes(), rigid.tobytes())
+        last, met = self.__dict__.get("_last_met", (None, None))
+        if line != last:  # a console, its session and its model ask for the same needle in turn
+            met = self._first_met(needle, rigid)
+            self.__dict__["_last_met"] = line, met
+        return met
+
+    def _first_met(self, needle: Needle, rigid: NDArray[np.bool_]) -> Obstacle | None:
         places, first, last = voxels_along(self.labels, needle)
         for piece in np.flatnonzero(self._among(rigid, first) & self._among(rigid, last)):
             shared = np.stack([first[piece], last[piece]])[_CORNERS, range(3)]
