@@ -6,8 +6,9 @@ import json
 import struct
 from typing import TYPE_CHECKING, Any, Literal
 
+import msgspec
 import numpy as np
-from msgspec import Struct, field, to_builtins
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from ..simulator.command import Command
@@ -195,12 +196,12 @@ def read_pixels(header: dict[str, Any], payload: memoryview) -> NDArray[np.uint8
 
 def text(message: Struct) -> str:
     """Return a message as JSON; a number that is not finite is none."""
-    return json.dumps(to_builtins(message), separators=(",", ":"), allow_nan=False)
+    return msgspec.json.encode(message).decode()
 
 
 def binary(kind: int, header: Struct, payload: bytes) -> bytes:
     """Return a binary message: kind, length of the header, the header as JSON, the payload."""
-    head = text(header).encode()
+    head = msgspec.json.encode(header)
     head += b" " * (-(8 + len(head)) % 8)
     return struct.pack("<II", kind, len(head)) + head + payload
 
