@@ -41,7 +41,8 @@ def test_a_client_has_a_recording_made(tmp_path):
         assert "is being recorded" in command(client, 3, "StartRecording")["Message"]
         images = [client.wait_for("IMAGE") for _ in range(3)]
         probe = client.wait_for("TRANSFORM", "ProbeToReference")
-        assert "successful" in command(client, 4, "StopRecording")["Message"]
+        stopped = command(client, 4, "StopRecording")["Message"]
+        assert stopped.rpartition("/")[2] == "hand.igs.mha"  # where PlusRemote finds the name
         again = command(client, 5, "StartRecording", OutputFilename="hand.igs.mha")["Message"]
         assert again.endswith("hand.igs.mha is there already; give a new name")
         assert str(tmp_path) not in again

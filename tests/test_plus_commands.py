@@ -52,7 +52,8 @@ def test_commands_in_commands(server):
         assert ElementTree.fromstring(message.content.text).attrib["Status"] == "SUCCESS"
         assert message.metadata == {"Message": "call 0", "SonosplineVersion": "1", "Status": "SUCCESS"}
         client.send(igtl.Command(8, "SetUsParameter"), "PlusServer")
-        assert "no attribute UsDeviceId" in client.wait_for("RTS_COMMAND").metadata["Error"]
+        failed = client.wait_for("RTS_COMMAND").metadata
+        assert "no attribute UsDeviceId" in failed["Error"] == failed["ErrorMessage"]
 
 
 @pytest.mark.parametrize(

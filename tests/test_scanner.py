@@ -103,7 +103,10 @@ def test_commands_of_plus(scanner):
 
         client.wait_for("IMAGE")
         assert ask(1, '<Command Name="RequestChannelIds" />')["Message"] == "OutputChannel"
-        assert ask(2, '<Command Name="RequestDeviceIds" />')["Message"] == "VideoDevice,TrackerDevice"
+        assert ask(2, '<Command Name="RequestDeviceIds" />')["Message"] == "VideoDevice,TrackerDevice,CaptureDevice"
+        typed = '<Command Name="RequestDeviceIds" DeviceType="{}" />'  # as PlusRemote asks
+        assert ask(20, typed.format("VirtualCapture"))["Message"] == "CaptureDevice"
+        assert ask(21, typed.format("VirtualVolumeReconstructor")) == {"Status": "SUCCESS", "Message": ""}
         assert ask(3, '<Command Name="Version" />')["Message"].startswith("Sonospline")
         parameter = '<Command Name="{}" UsDeviceId="VideoDevice"><Parameter Name="{}" Value="{}" /></Command>'
         assert ask(4, parameter.format("SetUsParameter", "DepthMm", 30))["Status"] == "SUCCESS"

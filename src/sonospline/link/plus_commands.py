@@ -148,7 +148,7 @@ def reply(command: PlusCommand, outcome: Outcome) -> igtl.Message:
     )
     metadata = {"Message": outcome.text, **outcome.values, "Status": status}
     if not outcome.ok:
-        metadata["Error"] = outcome.error
+        metadata |= {"Error": outcome.error, "ErrorMessage": outcome.error}  # as PLUS, and as 3D Slicer reads it
     content = igtl.CommandReply(int(command.number), command.name, xml)
     return igtl.Message(content, command.device, igtl.now(), metadata)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Future
 from importlib.metadata import version
 from typing import Any
@@ -15,6 +15,7 @@ from ..io.writing import write_text
 from .device_set import FILE, device_set_of
 from .plus_commands import Action, Outcome, PlusCommand, parameters_xml
 
+_CAPTURE = "CaptureDevice"
 _SETTINGS = {"DepthMm": "depth", "FrequencyMhz": "frequency", "GainPercent": "gain"}
 _GAIN_DB = (-30.0, 30.0)
 """What 0 and 100 per cent are: the ends of the gain's knob."""
@@ -25,7 +26,12 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
     names = station.names
 
     def ids(*found: str) -> Action:
-        return lambda command: Outcome(",".join(found), {name: name for name in found})
+        return lambda command: _named(found)
+
+    def device_ids(command: PlusCommand) -> Outcome:
+        kind = command.attributes.get("DeviceType", "")
+        devices = {names.UsDevice: "UsSimulator", names.Tracker: "OpenIGTLinkTracker", _CAPTURE: "VirtualCapture"}
+        return _named([name for name, its in devices.items() if kind in ("", its)])
 
     def get_transform(command: PlusCommand) -> Outcome:
         name = command.attribute("TransformName")
@@ -60,7 +66,9 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         return station.recording.stop(recorded)
 
     def recorded(name: str, frames: int) -> Outcome:
-        return Outcome(f"Recording {name} successful, {frames} frames", {"OutputFilename": name, "frames": str(frames)})
+        # 3D Slicer's PlusRemote takes what follows the last / for the file's name.
+        said = f"VirtualCapture ({_CAPTURE}) StopRecording Recording {frames} frames successful to file ./{name}"
+        return Outcome(said, {"OutputFilename": name, "frames": str(frames)})
 
     def save_config(command: PlusCommand) -> Outcome:
         name = command.attributes.get("Filename", FILE)
@@ -83,12 +91,17 @@ def scanner_actions(station: Any) -> Mapping[str, Action]:
         {"SonosplineVersion": version("sonospline"), "IGTLProtocolVersion": "3", "IGTLHeaderVersion": "2"},
     )
     return {
-        "RequestChannelIds": ids(names.OutputChannel), "RequestDeviceIds": ids(names.UsDevice, names.Tracker),
+        "RequestChannelIds": ids(names.OutputChannel), "RequestDeviceIds": device_ids,
         "RequestDeviceChannelIds": ids(names.OutputChannel), "GetTransform": get_transform,
         "UpdateTransform": update_transform, "GetUsParameter": get_parameters, "SetUsParameter": set_parameters,
         "Version": lambda command: said, "Clutch": clutch,
         "StartRecording": start_recording, "StopRecording": stop_recording, "SaveConfig": save_config,
     }  # fmt: skip
+
+
+def _named(ids: Iterable[str]) -> Outcome:
+    found = {name: name for name in ids}
+    return Outcome(",".join(found), found)
 
 
 def _transform(station: Any, name: str) -> Any:
