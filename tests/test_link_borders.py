@@ -110,6 +110,19 @@ def test_a_list_that_would_hold_up_the_others_is_refused():
         assert server.clients[0].refused == 1
 
 
+def test_what_3d_slicer_takes_for_an_error_is_sent_to_who_asks():
+    """Its OpenIGTLinkIO (d7f6aef) has no device for SENSOR and NDARRAY, and says so of each that comes."""
+    force = [igtl.Message(content([1.0, 2, 3]), "NeedleForce") for content in (igtl.Sensor, igtl.NumberArray)]
+    said = igtl.Message(igtl.String("force"), "NeedleForce")
+    with LinkServer(port=0) as server, LinkClient(server.port) as slicer, LinkClient(server.port) as other:
+        other.send(igtl.Start("SENSOR", 0))
+        assert other.wait_for("RTS_SENSOR").content.ok
+        assert eventually(lambda: len(server.clients) == 2)
+        server.publish(*force, said)
+        assert slicer.next().content.type == "STRING"
+        assert [other.next().content.type for _ in range(2)] == ["SENSOR", "STRING"]
+
+
 def test_half_a_header_is_not_waited_for():
     with LinkServer(port=0, patience_s=0.1) as server, LinkClient(server.port) as client:
         client.socket.sendall(igtl.encode(igtl.Message(igtl.Status()))[:29])

@@ -23,8 +23,8 @@ _LONG = 1 << 14
 _SLOWEST_BYTES_S = 1e6
 """How fast a long message has to come."""
 _BUFFERED = 1 << 16
-_ON_REQUEST = frozenset({"TDATA", "QTDATA"})
-"""Types that are sent to whoever asked for them: they repeat what others say one by one."""
+_ON_REQUEST = frozenset({"TDATA", "QTDATA", "SENSOR", "NDARRAY"})
+"""Types for whoever asked: they repeat what others say, and 3D Slicer calls each SENSOR and NDARRAY an error."""
 
 
 class ClientInfo(NamedTuple):

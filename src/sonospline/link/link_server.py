@@ -39,8 +39,8 @@ class LinkServer:
     Every client is answered in header version 1 until it has sent 2 itself. Of images and meshes the newest wins where
     a client is slow; of what else it loses a STATUS gives the number. A client that reads nothing for a while, or takes
     too long for one message, is hung up on; none delays another. ``GET_`` is answered by the newest message, ``STT_``
-    and ``STP_`` start and stop types for one client (TDATA and QTDATA flow only then), and a STATUS says that the
-    server lives.
+    and ``STP_`` start and stop types for one client (TDATA, QTDATA, SENSOR, NDARRAY flow only then), and a STATUS says
+    that the server lives.
 
     Parameters
     ----------

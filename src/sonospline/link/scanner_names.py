@@ -115,7 +115,7 @@ class ScannerNames(Record, frozen=True, kw_only=True):
         Orientation, about("where x and y of the pixels run: to the marked or unmarked side, far or near")
     ] = "MF"
     ForceTypes: Annotated[
-        tuple[ForceType, ...], about("messages that carry the force; 3D Slicer reads STRING", longest=3)
+        tuple[ForceType, ...], about("messages that carry the force; those but STRING to who asks", longest=3)
     ] = ("SENSOR", "STRING")
     TransformNames: Annotated[
         tuple[Name, ...], about("more transforms to send, composed of those known", longest=LONGEST_LIST)
