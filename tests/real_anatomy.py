@@ -136,6 +136,19 @@ def crop(kind, seed=0):
             return ss.Grid.covering(sides * labels.spacing, nodes=DISPLAY, origin=labels.position(low[None])[0])
 
 
+def cut_voxels(box, labels, most=2_500_000):
+    """A grid over a box whose cells are the voxels of a label map cut in two, or four where that is at most so many.
+
+    No cell holds two tissues: what a fine grid lacks then is not where they meet. The box begins at a voxel's middle.
+    """
+    middle = labels.index(box.world(np.array([[0.0, 0, 0], box.extent])))
+    assert np.allclose(middle, np.rint(middle), atol=1e-3), f"{box!r} does not end in the middle of voxels"
+    cells = np.rint(2 * box.extent / labels.spacing).astype(int)
+    cells *= 2 if np.prod(2 * cells + 1) <= most else 1
+    shape = tuple(int(n) + 1 for n in cells)
+    return ss.Grid(shape=shape, spacing=tuple(box.extent / cells), origin=box.origin, direction=box.direction)
+
+
 def abdomen_cases(kind, *, seed=0, faces=3):
     """Paths from several faces of a crop, each beside bone and through organs."""
     rules = {"beside bone": beside_bone, "through organs": through_organs}

@@ -314,9 +314,23 @@ def test_cells_halve_well_and_are_nearly_cubic():
         np.testing.assert_allclose(grid.extent, extent)
 
 
+def test_a_grid_that_is_given_is_taken_whatever_its_cells():
+    wanted = ElasticSolver(cube(), nodes=SMALL)
+    given = ElasticSolver(cube(), nodes=wanted.grid)
+    np.testing.assert_array_equal(*(each.solve(LineForce(), NEEDLE).displacement for each in (wanted, given)))
+    odd = ElasticSolver(cube(), nodes=ss.Grid(shape=(12, 14, 18), spacing=(1 / 11, 1 / 13, 1 / 17)))
+    moved, expected = (each.field(each.solve(LineForce(), NEEDLE)).on_grid() for each in (odd, wanted))
+    assert np.linalg.norm(moved - expected, axis=-1).mean() < 0.05 * np.linalg.norm(expected, axis=-1).mean()
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: ElasticSolver(cube(), nodes=ss.Grid.unit_cube(4)), "has 64 nodes; give at least 125"),
+        (
+            lambda: ElasticSolver(cube(), nodes=ss.Grid(shape=(9, 9, 9), spacing=0.1)),
+            "fills another box than tissue.grid",
+        ),
         (lambda: ElasticSolver(cube(), Material(1, 0.495)), r"poissons_ratio = 0.495 is out of range; give 0 to 0.49"),
         (lambda: Material(stiffness_kpa=0), "stiffness_kpa = 0 is out of range"),
         (lambda: Material(stiffness_kpa=-3), "stiffness_kpa = -3 is out of range"),

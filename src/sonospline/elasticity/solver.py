@@ -70,8 +70,9 @@ class ElasticSolver:
         The display grid, whose box is solved for, and its free face.
     material : Material or TissueMap, default: Material()
         One stiffness everywhere, or a label map with a table of materials.
-    nodes : int, default: 15625
-        Nodes of the solver's grid, about. A layer half as thick as a cell and ten times as stiff as its
+    nodes : int or Grid, default: 15625
+        Nodes of the solver's grid, about; or that grid, over the same box, as one whose cells end where the
+        voxels of a label map do. A layer half as thick as a cell and ten times as stiff as its
         surroundings leaves 0.015 of the mean displacement, thirty times 0.03; a layer as thick as a
         cell of 49^3 nodes half of that.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
@@ -108,7 +109,7 @@ class ElasticSolver:
         tissue: Tissue,
         material: Material | TissueMap | None = None,
         *,
-        nodes: int = 25**3,
+        nodes: int | Grid = 25**3,
         integration: str = "mean_dilatation",
     ) -> None:
         if not isinstance(tissue, Tissue):

@@ -10,6 +10,10 @@ from .grid import Grid
 FLATTEST = 10.0
 """Longest over shortest side of a box, at most."""
 
+_FEWEST = 125
+"""Nodes of a grid."""
+_SLACK = 1e-6
+"""Of the longest side, by which two boxes that are one may differ."""
 _COUNTS = np.array(sorted({m << k for m in (4, 5, 6, 7, 13) for k in range(8)}))
 """Cells along an axis: a small number times a power of two."""
 _BETWEEN = np.sqrt(_COUNTS[1:] * _COUNTS[:-1])
@@ -30,20 +34,20 @@ def nodes_resolving(box: Grid, length: float, *, least: int = 25**3, most: int) 
     return int(np.clip(wanted, least, most))
 
 
-def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
+def solver_grid(box: Grid, nodes: int | Grid = 25**3) -> Grid:
     """Return a grid of about ``nodes`` nodes over the box of another, for the elastic solver.
 
     Parameters
     ----------
     box : Grid
         Its origin, direction and extent are taken, its nodes are not.
-    nodes : int, default: 15625
-        Nodes wanted; there are as many as the fitting numbers of cells give.
+    nodes : int or Grid, default: 15625
+        Nodes wanted; there are as many as the fitting numbers of cells give. Or the grid itself, over the same box.
 
     Raises
     ------
     ValueError
-        A box flatter than 10 : 1.
+        A box flatter than 10 : 1, fewer than 125 nodes, or a grid over another box.
 
     Examples
     --------
@@ -54,13 +58,15 @@ def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
     >>> solver_grid(ss.Grid(shape=(60, 41, 31), spacing=2.0), nodes=30_000).shape
     (41, 29, 25)
     """
-    nodes = _validate.count("nodes", nodes, least=125)
     flatness = box.extent.max() / box.extent.min()
     if flatness > FLATTEST * (1 + 1e-9):
         raise ValueError(
             f"tissue.grid has sides {np.round(box.extent, 3).tolist()}, longest to shortest {flatness:.1f}; "
             f"give a box of at most {FLATTEST:g} to 1"
         )
+    if isinstance(nodes, Grid):
+        return _over(box, nodes)
+    nodes = _validate.count("nodes", nodes, least=_FEWEST)
     finest = box.extent.min() / _COUNTS[-1]
     spacings = np.geomspace(finest, box.extent.min() / _COUNTS[0], 400)
     candidates = _cells(box.extent / spacings[:, None])
@@ -71,6 +77,16 @@ def solver_grid(box: Grid, nodes: int = 25**3) -> Grid:
         origin=box.origin,
         direction=box.direction,
     )
+
+
+def _over(box: Grid, grid: Grid) -> Grid:
+    """The grid, if it fills the box."""
+    ours, theirs = (each.world(np.vstack([np.zeros(3), np.diag(each.extent)])) for each in (box, grid))
+    if np.abs(ours - theirs).max() > _SLACK * box.extent.max():
+        raise ValueError(f"nodes = {grid!r} fills another box than tissue.grid = {box!r}; give one over the same box")
+    if grid.node_count < _FEWEST:
+        raise ValueError(f"nodes = {grid!r} has {grid.node_count} nodes; give at least {_FEWEST}")
+    return grid
 
 
 def _cells(wanted: np.ndarray) -> np.ndarray:

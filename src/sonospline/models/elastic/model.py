@@ -21,6 +21,7 @@ from ...elasticity.solver import SETTLED, ElasticSolver
 from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
+from ...geometry.grid import Grid
 from ...geometry.needle import Needle
 from ...geometry.solver_grid import nodes_resolving
 from ...geometry.tissue import Tissue
@@ -80,8 +81,8 @@ class ElasticModel(TissueModel):
     load_at : {"deformed", "undeformed"}, default: "deformed"
         A load acts on the tissue that the needle is in, which each step asks of the field before it; or on
         what was there before any tissue moved, as a linear reference has it.
-    nodes : int, optional
-        Nodes of the solver's grid, about; by default as many as resolve the load, 15,625 to 50,000.
+    nodes : int or Grid, optional
+        Nodes of the solver's grid, about, or that grid; by default as many as resolve the load, 15,625 to 50,000.
         Over cells longer than 1.25 widths of the default load it is widened to 0.8 of them.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
@@ -131,7 +132,7 @@ class ElasticModel(TissueModel):
         process_zone_mm: float = PROCESS_ZONE_MM,
         build_up_mm: float = BUILD_UP_MM,
         load_at: str = "deformed",
-        nodes: int | None = None,
+        nodes: int | Grid | None = None,
         integration: str = "mean_dilatation",
         tolerance: float = TOLERANCE,
         budget: int = BUDGET,
