@@ -184,6 +184,9 @@ def test_every_reference_in_a_scene_leads_somewhere(session, tmp_path):
     assert {"vessel", "skin", "NeedleModel", "ProbeModel", "ProbeToTracker", "NeedleToTracker"} <= names
     with pytest.raises(ValueError, match="is no model of this scene; choose one of vessel, skin"):
         slicer_scene(session, watch="liver")
+    long = ScannerNames(Probe="ProbeToRef", Needle="StylusGripLongToRef", NeedleTip="TipToRef", Target="TargetToRef")
+    with pytest.raises(ValueError, match="no message can carry StylusGripLongToTracker"):
+        slicer_scene(session, long, drive=18946)
     with pytest.raises(ValueError, match=r"does not end in \.mrb"):
         Mrml().write(tmp_path / "case.zip")
 

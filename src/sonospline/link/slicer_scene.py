@@ -13,7 +13,7 @@ from .coordinate_frames import WORLD, CoordinateFrames
 from .frame_messages import messages_of
 from .mesh_messages import device_name
 from .needle_pose import waiting_pose
-from .scanner_names import ScannerNames
+from .scanner_names import LONGEST_NAME, ScannerNames
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def slicer_scene(
     Raises
     ------
     ValueError
-        A model to watch that is not there.
+        A model to watch that is not there, or tools to drive whose transforms no message can carry.
 
     Examples
     --------
@@ -136,12 +136,10 @@ class _Builder:
         for frame, name in ((frames.probe, names.Probe), (frames.needle, names.Needle), (frames.reference, "")):
             content = self._sent.get(name)
             matrix = content.matrix if isinstance(content, igtl.Transform) else np.eye(4)
+            if len(sent := f"{frame}To{tracker}") > LONGEST_NAME:
+                raise ValueError(f"drive: no message can carry {sent}; give {frame} a name of fewer letters")
             pushed = {"OpenIGTLinkIF.pushOnConnect": "true"}
-            outgoing.append(
-                self._mrml.add(
-                    "LinearTransform", f"{frame}To{tracker}", attributes=pushed, matrixTransformToParent=matrix
-                )
-            )
+            outgoing.append(self._mrml.add("LinearTransform", sent, attributes=pushed, matrixTransformToParent=matrix))
         self._mrml.add(
             "IGTLConnector", "Tracker", references={"outgoing": " ".join(outgoing)}, connectorType="SERVER",
             serverPort=port, persistent=1, state=2, restrictDeviceName=0,
