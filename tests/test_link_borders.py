@@ -110,6 +110,16 @@ def test_a_list_that_would_hold_up_the_others_is_refused():
         assert server.clients[0].refused == 1
 
 
+@pytest.mark.parametrize("kind", ["TDATA", "QTDATA"])
+def test_poses_come_together_to_who_asks(scene, kind):
+    with Scanner(ss.Session(scene, model="kelvinlet"), port=0) as scanner, LinkClient(scanner.server.port) as client:
+        client.send(igtl.Start(kind, 20))
+        tools = {tool.name: tool.matrix for tool in client.wait_for(kind, "TrackerDevice").content.tools}
+        alone = client.wait_for("TRANSFORM", "ProbeToReference").content.matrix
+    assert set(tools) == {f"{name}ToReference" for name in ("Probe", "Needle", "NeedleTip", "Target")}
+    np.testing.assert_allclose(tools["ProbeToReference"], alone, atol=1e-3)
+
+
 def test_what_3d_slicer_takes_for_an_error_is_sent_to_who_asks():
     """Its OpenIGTLinkIO (d7f6aef) has no device for SENSOR and NDARRAY, and says so of each that comes."""
     force = [igtl.Message(content([1.0, 2, 3]), "NeedleForce") for content in (igtl.Sensor, igtl.NumberArray)]

@@ -195,7 +195,7 @@ def test_a_client_comes_back_and_survives_garbage():
         assert again.wait(10)
 
 
-@pytest.mark.parametrize("kind", ["TRANSFORM", "TDATA"])
+@pytest.mark.parametrize("kind", ["TRANSFORM", "TDATA", "QTDATA"])
 def test_a_tracker_of_its_own_drives_needle_and_probe(scene, kind):
     """3D Slicer's part in PLUS's simulated ultrasound, in metres: three transforms to the tracker, which move."""
     reference, ras, tip = turned(8), turned(9), turned(10, mm=5)
@@ -218,9 +218,14 @@ def test_a_tracker_of_its_own_drives_needle_and_probe(scene, kind):
         ):
             assert eventually(lambda: len(slicer.clients) == 1)
             while True:
-                tools = tuple(igtl.Tool(name, pose) for name, pose in poses.items())
-                one_by_one = [igtl.Message(igtl.Transform(pose), name, igtl.now()) for name, pose in poses.items()]
-                slicer.publish(*([igtl.Message(igtl.TrackingData(tools))] if kind == "TDATA" else one_by_one))
+                tools = [igtl.Tool(name, pose) for name, pose in poses.items()]
+                turns = [igtl.QuaternionTool.of(name, pose) for name, pose in poses.items()]
+                ways = {
+                    "TRANSFORM": [igtl.Message(igtl.Transform(pose), name, igtl.now()) for name, pose in poses.items()],
+                    "TDATA": [igtl.Message(igtl.TrackingData(tools))],
+                    "QTDATA": [igtl.Message(igtl.QuaternionTrackingData(turns))],
+                }
+                slicer.publish(*ways[kind])
                 sent = client.wait_for("TRANSFORM", "StylusTipToReference").content.matrix
                 face = client.wait_for("TRANSFORM", "ProbeToReference").content.matrix
                 if np.allclose(sent, np.linalg.inv(ras) @ goal, atol=1e-3) and np.allclose(

@@ -56,6 +56,9 @@ def messages_of(
         messages.append(igtl.Message(igtl.Transform(pose.astype(np.float32)), name, stamp, status))
     tools = tuple(igtl.Tool(name, pose.astype(np.float32)) for name, pose in poses.items())
     messages.append(igtl.Message(igtl.TrackingData(tools), names.Tracker, stamp))
+    rigid = dict.fromkeys((names.Probe, names.Needle, names.NeedleTip, names.Target))
+    turns = tuple(igtl.QuaternionTool.of(name, poses[name]) for name in rigid)
+    messages.append(igtl.Message(igtl.QuaternionTrackingData(turns), names.Tracker, stamp))
     [target] = frames.points(frame.target_now[None])
     messages.append(
         igtl.Message(

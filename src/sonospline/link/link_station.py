@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 _NUMBERED = re.compile(r"[-_ ]?\d+\Z")
 """What 3D Slicer puts behind the names of fiducials."""
-POSES = ("TRANSFORM", "POSITION", "QTRANS", "TDATA")
+POSES = ("TRANSFORM", "POSITION", "QTRANS", "TDATA", "QTDATA")
 READS = (*POSES, "POINT", "IMAGE", "LBMETA", "STRING", "COMMAND")
 
 
@@ -184,7 +184,7 @@ class LinkStation:
                     self._aim(points, message.device)
                 case igtl.Image() | igtl.LabelList():
                     self._scenes.take(message)
-                case igtl.TrackingData() as several:
+                case igtl.TrackingData() | igtl.QuaternionTrackingData() as several:
                     for tool in several.tools:
                         self._track(tool.name, tool.matrix, message, source)
                 case igtl.Transform() | igtl.Position() | igtl.QuaternionTransform() as pose:

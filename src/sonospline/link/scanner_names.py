@@ -65,7 +65,7 @@ class TrackerDevice(Record, frozen=True, kw_only=True):
     Tools: Annotated[tuple[str, ...], about("coordinate systems that it tracks", longest=LONGEST_LIST)] = (
         "Probe", "Needle", "Reference",
     )  # fmt: skip
-    MessageType: Annotated[Literal["TRANSFORM", "TDATA"], about("how its poses come")] = "TRANSFORM"
+    MessageType: Annotated[Literal["TRANSFORM", "TDATA", "QTDATA"], about("how its poses come")] = "TRANSFORM"
     Unit: Annotated[Literal["mm", "m"], about("of its places")] = "mm"
     LatencySec: Annotated[float, about("how old a pose is when it comes; it is guessed ahead by that", 0.0, 0.1)] = 0.0
     HeaderVersion: Annotated[int, about("of what it is sent: 1 for servers that know no other", 1, 2)] = 2

@@ -28,10 +28,11 @@ class Tracker:
 
     def __init__(self, device: TrackerDevice, take: Callable[[igtl.Message, str], object]) -> None:
         self.device, self._take = device, take
-        asks = [igtl.Message(igtl.Start("TDATA", _EVERY_MS))] if device.MessageType == "TDATA" else []
+        together = device.MessageType != "TRANSFORM"
+        asks = [igtl.Message(igtl.Start(device.MessageType, _EVERY_MS))] if together else []
         self.client = LinkClient(
             device.ServerAddress, device.ServerPort, self._receive, version=device.HeaderVersion, says=asks,
-            reads=("TRANSFORM", "POSITION", "QTRANS", "TDATA", "POINT"),
+            reads=("TRANSFORM", "POSITION", "QTRANS", "TDATA", "QTDATA", "POINT"),
         )  # fmt: skip
 
     def close(self) -> None:
@@ -48,8 +49,8 @@ class Tracker:
 def in_mm(message: igtl.Message) -> igtl.Message:
     """Return a message of poses in metres with them in millimetres."""
     match message.content:
-        case igtl.TrackingData() as several:
-            tools = tuple(replace(tool, matrix=_scaled(tool.matrix)) for tool in several.tools)
+        case igtl.TrackingData() | igtl.QuaternionTrackingData() as several:
+            tools = tuple(igtl.Tool(tool.name, _scaled(tool.matrix)) for tool in several.tools)
             return replace(message, content=igtl.TrackingData(tools))
         case igtl.Transform() | igtl.Position() | igtl.QuaternionTransform() as pose:
             return replace(message, content=igtl.Transform(_scaled(pose.matrix)))
