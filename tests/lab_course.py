@@ -106,6 +106,11 @@ class Trainer(Heard):
     def __init__(self, lab, token=TOKEN):
         super().__init__(lab, f"/trainer?trainer={token.replace(' ', '%20')}")
 
+    def watch(self, name, **options):
+        """Ask for what a station shows; return its scene."""
+        self.send(type="watch_station", station=name, **options)
+        return self.until("scene")
+
     def station(self, name, holds):
         """How a station stands, once that is so."""
 

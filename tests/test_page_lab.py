@@ -3,13 +3,14 @@
 import pytest
 
 from page_driver import LINK, SIZES, Driver, started
-from test_page_looks import CLIPPED
+from test_page_looks import CLIPPED, COLOUR
 
 pytest.importorskip("sqlalchemy")
 from sonospline.lab import ResultStore
 
 pytest_plugins = ["page_fixtures"]
 
+ENDS = ("above", "below")
 PHASE = "document.body.dataset.phase"
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, a, output, canvas, [role=img]")]
     .filter((e) => e.checkVisibility() && !e.closest("[aria-hidden=true]"))
@@ -92,6 +93,76 @@ def test_a_trainer_sets_watches_comments_and_sees_the_result(visit):
         assert shown.evaluate("document.documentElement.scrollHeight <= innerHeight"), f"{layout} scrolls"
         assert layout != "tablet" or shown.evaluate(SMALL) == []
         shown.picture(f"lab-{layout}")
+
+
+WORDS = "document.querySelector('.notice').innerText"
+
+
+@pytest.mark.slow
+def test_a_trainer_freezes_a_station_and_sees_its_3_d_view(visit):
+    trainee, trainer = seated(visit, 2), visit()
+    trainer.until("document.querySelectorAll('.card').length === 3")
+    trainer.page.get_by_role("button", name="2 K-17").click()
+    trainer.page.get_by_role("button", name="3-D view", exact=True).click()
+    trainer.until("document.querySelector('.watched-view canvas').width > 100")
+    trainee.page.locator(".image-pane").focus()
+    trainee.hold("ArrowDown", "link.shown > 5")
+    freeze = trainer.page.get_by_role("button", name="Freeze", exact=True)
+    freeze.click()
+    trainee.until(f"{WORDS}.includes('Frozen by the trainer')")
+    trainee.until("document.body.dataset.status === 'frozen'")
+    trainee.page.keyboard.press("Space")
+    shown = trainee.evaluate("link.shown")
+    trainee.page.keyboard.press("ArrowDown")
+    trainee.passed(20)
+    assert trainee.evaluate("[link.shown, document.body.dataset.status]") == [shown, "frozen"]
+    trainer.until("document.querySelector('.card:nth-child(2) .word').textContent === 'frozen'")
+    trainer.until("document.querySelector('.watched .note').textContent.startsWith('frozen')")
+    for layout, size in list(SIZES.items())[:3]:
+        for page, name in ((trainer, "lab-3d"), (trainee, "frozen")):
+            page.page.set_viewport_size({"width": size[0], "height": size[1]})
+            page.passed(3)
+            assert page.evaluate(CLIPPED) == [] and page.evaluate(NAMELESS) == [], (layout, name)
+            page.picture(f"{name}-{layout}")
+    freeze.click()
+    trainee.until("document.body.dataset.status === 'live'")
+    trainee.page.locator(".image-pane").focus()
+    trainee.hold("ArrowDown", f"link.shown > {shown} + 1")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", list(SIZES)[:3])
+def test_with_forced_colours_what_is_chosen_in_a_lab_is_the_systems_and_pictures_stay(visit, layout):
+    seated(visit, 3)
+    driver = visit(size=SIZES[layout], forced_colors="active", touch=layout == "tablet")
+    page = driver.page
+    driver.until("document.querySelectorAll('.card').length === 3")
+    page.get_by_role("button", name="3 K-17").click()
+    lock = page.get_by_role("button", name="Lock guides").last
+    lock.click()
+    driver.until("document.querySelector('.sets [aria-pressed=true]')")
+    page.evaluate("document.body.append(Object.assign(document.createElement('i'), {className: 'unseen'}))")
+
+    def colour(selector, name):
+        return page.evaluate(COLOUR, [selector, name])[:3]
+
+    def system(name):
+        page.evaluate(f"document.querySelector('.unseen').style.color = '{name}'")
+        return colour(".unseen", "color")
+
+    assert colour(".card[aria-pressed=true]", "outlineColor") == system("Highlight")
+    assert colour(".sets [aria-pressed=true]", "backgroundColor") == system("Highlight")
+    assert colour(".card .word", "borderTopColor") == system("CanvasText")
+    assert colour(".learning-plot .zero", "stroke") == system("CanvasText")
+    for part in ("path", "text"):
+        found = [colour(f".learning-plot {part}.limit.{one}", "fill" if part == "text" else "stroke") for one in ENDS]
+        assert found == [system("CanvasText")] * 2
+    assert colour(".card[aria-pressed=true] .place", "color") == system("CanvasText")
+    assert colour(".watched-image", "backgroundColor") == [0, 0, 0]
+    assert driver.evaluate(NAMELESS) == []
+    driver.picture(f"lab-forced-{layout}")
+    lock.click()
+    driver.until("!document.querySelector('.sets [aria-pressed=true]')")
 
 
 @pytest.mark.slow

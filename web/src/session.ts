@@ -56,6 +56,8 @@ export class Session {
   readonly unheeded = new Signal<ServerText>();
   /** An attempt is over: pictures are of its recording, and hands move nothing. */
   reviewing = false;
+  /** Frozen by the trainer of a lab, who alone lets it go on. */
+  held = false;
   /** Whether what an exercise hid is laid over the pictures of its recording. */
   truth = true;
   /** Something happened in the tissue, whether or not its frame was sent. */
@@ -160,7 +162,7 @@ export class Session {
   }
 
   toggleFreeze(): void {
-    if (!this.command || this.reviewing || !(this.status === "live" || this.status === "frozen")) return;
+    if (!this.command || this.reviewing || this.held || !(this.status === "live" || this.status === "frozen")) return;
     this.want({ ...this.command, frozen: !this.command.frozen });
     this.setStatus(this.command.frozen ? "frozen" : "live");
     this.heart.heardAt = performance.now();

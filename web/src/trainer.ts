@@ -69,11 +69,11 @@ export class Trainer {
   }
 
   sayOnTarget(): void {
-    if (this.phase === "attempt") this.session.say({ type: "on_target" });
+    if (this.phase === "attempt" && !this.session.held) this.session.say({ type: "on_target" });
   }
 
   giveUp(): void {
-    if (this.phase === "attempt") this.session.say({ type: "give_up" });
+    if (this.phase === "attempt" && !this.session.held) this.session.say({ type: "give_up" });
   }
 
   /** The one after this, as they are offered; the first after the last. */
@@ -90,6 +90,15 @@ export class Trainer {
     return true;
   }
 
+  /** The trainer has frozen the station, or lets it go on; the server sees to it whatever the page does. */
+  private hold(on: boolean): void {
+    const { session } = this;
+    if (session.held === on) return;
+    session.held = false;
+    if (on !== (session.status === "frozen")) session.toggleFreeze();
+    session.held = on;
+  }
+
   private hear(message: ServerText): void {
     if (message.type === "exercises") {
       this.offered = message.offered;
@@ -99,6 +108,7 @@ export class Trainer {
     if (message.type === "station") {
       const before = this.station?.exercise ?? null;
       this.station = message;
+      this.hold(message.hands_locked);
       this.stationed.emit(message);
       if (message.exercise !== before && this.follow()) this.changed.emit(this.phase);
     }

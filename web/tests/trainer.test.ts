@@ -54,7 +54,7 @@ describe("a trainer", () => {
   });
 
   it("has what a lab's trainer sets read, and shows comments without leaving the debrief's place", () => {
-    const station: StationMessage = { type: "station", name: "3", participant: "K-17", exercise: "toy", guides_locked: false, models_locked: false, said: "", comments: [] };
+    const station: StationMessage = { type: "station", name: "3", participant: "K-17", exercise: "toy", guides_locked: false, models_locked: false, hands_locked: false, said: "", comments: [] };
     const changes: string[] = [];
     trainer.changed.on((phase) => changes.push(phase));
     wire.text.emit(station);
@@ -67,6 +67,26 @@ describe("a trainer", () => {
     const before = changes.length;
     wire.text.emit({ ...station, comments: [{ time_s: 2, text: "Good" }] });
     expect([trainer.phase, trainer.station?.comments.length, changes.length]).toEqual(["debrief", 1, before]);
+  });
+
+  it("lets only a lab's trainer let go on what that trainer has frozen", () => {
+    const station: StationMessage = { type: "station", name: "3", participant: "K-17", exercise: null, guides_locked: false, models_locked: false, hands_locked: true, said: "", comments: [] };
+    const frozen = () => wire.said.filter(({ type }) => type === "command").map((said) => "frozen" in said && said.frozen).at(-1);
+    wire.text.emit({ ...scene, attempt: { exercise, seed: 5, recorded: "" }, guides: exercise.guides });
+    show();
+    session.flush(1e9);
+    wire.text.emit(station);
+    session.flush(2e9);
+    expect([session.status, session.answers, frozen()]).toEqual(["frozen", false, true]);
+    const said = wire.said.length;
+    session.toggleFreeze();
+    trainer.sayOnTarget();
+    trainer.giveUp();
+    session.flush(3e9);
+    expect([session.status, wire.said.length]).toEqual(["frozen", said]);
+    wire.text.emit({ ...station, hands_locked: false });
+    session.flush(4e9);
+    expect([session.status, frozen()]).toEqual(["live", false]);
   });
 
   it("asks for the exercises once there is a picture, and goes through its phases", () => {

@@ -6,6 +6,8 @@ import asyncio
 from collections.abc import Coroutine
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
+from msgspec import structs
+
 from ..lab.kept_text import check_code
 from ..server import client_messages as heard
 from ..server.client_messages import MessageError
@@ -20,7 +22,16 @@ from .office import Office
 
 if TYPE_CHECKING:
     from ..server.stage import Stage
+    from ..simulator.command import Command
     from ..simulator.console_frame import ConsoleFrame
+    from ..simulator.scene import Scene
+
+
+_MOVES = (
+    heard.ChooseModel | heard.ChooseScene | heard.OpenScene | heard.ChooseTarget | heard.UndoPass | heard.Reset
+    | heard.Restore | heard.BeginAttempt | heard.OnTarget | heard.GiveUp
+)  # fmt: skip
+"""What is not heeded while time stands still."""
 
 
 class Seen(NamedTuple):
@@ -30,6 +41,7 @@ class Seen(NamedTuple):
     replay: ReplayedStep | None
     summary: PassSummary
     frame: int
+    scene: Scene
 
 
 class Watcher(Protocol):
@@ -62,7 +74,7 @@ class Station(Seat):
         """Of the session of its page."""
         self.participant: str | None = None
         self.exercise_set: str | None = None
-        self.guides_locked = self.models_locked = False
+        self.guides_locked = self.models_locked = self.hands_locked = False
         self.said = ""
         self.working: tuple[str, Stage] | None = None
         """What is worked on, with the id of its scene or exercise."""
@@ -96,6 +108,8 @@ class Station(Seat):
 
     def refusal(self, message: heard.Message) -> str | None:
         """What the trainer has set is not changed by who sits there."""
+        if self.hands_locked and isinstance(message, _MOVES):
+            return "comes while the trainer has frozen this station; wait"
         match message:
             case heard.BeginAttempt() if self.participant is None:
                 return "comes before anybody has sat down; enter your code"
@@ -127,14 +141,22 @@ class Station(Seat):
         self.tell()
 
     def lock(self, what: str, on: bool) -> None:
-        """Keep guides off in free practice, or the model as it is."""
+        """Keep guides off in free practice, the model as it is, or hands."""
         if what == "models":
             self.models_locked = on
+        elif what == "hands":
+            self.hands_locked = on
+            if self.connection is not None:
+                self.connection.freeze(on)
         elif on != self.guides_locked:
             self.guides_locked = on
             if self.connection is not None and self.working is not None and self.attempt is None:
                 self._begin(self.connection.begin_again())
         self.tell()
+
+    def heeded(self, command: Command) -> Command:
+        """Let nothing move while the trainer has frozen the station."""
+        return structs.replace(command, frozen=True) if self.hands_locked else command
 
     def say(self, text: str) -> None:
         """Show a line to whoever sits there."""
@@ -157,7 +179,8 @@ class Station(Seat):
         self.connection.sender.say(
             StationMessage(
                 name=self.name, participant=self.participant, exercise=self.exercise_set,
-                guides_locked=self.guides_locked, models_locked=self.models_locked, said=self.said,
+                guides_locked=self.guides_locked, models_locked=self.models_locked,
+                hands_locked=self.hands_locked, said=self.said,
                 comments=tuple(self.comments) if over else (),
             )
         )  # fmt: skip
@@ -184,7 +207,7 @@ class Station(Seat):
             summary = self.working[1].measured(shown)
         else:
             summary = PassSummary(time_s=replay.time_s, passes=shown.metrics.passes, path_mm=None, blind_mm=None)
-        self.seen = seen = Seen(shown, replay, summary, frame)
+        self.seen = seen = Seen(shown, replay, summary, frame, self.working[1].scene)
         for watcher in self.watchers:
             watcher.show(seen)
 

@@ -26,6 +26,7 @@ def state_of(station: Station) -> StationState:
     return StationState(
         name=station.name, participant=station.participant, state=state, exercise=None if task is None else task.name,
         exercise_set=station.exercise_set, guides_locked=station.guides_locked, models_locked=station.models_locked,
+        hands_locked=station.hands_locked,
         word=word, caution=caution, time_s=0.0 if summary is None else round(summary.time_s, 1),
         limit_s=None if task is None else task.time_limit_s, passes=0 if summary is None else summary.passes,
         **_readouts(seen), blind_mm=_known(_blind(station)),
@@ -61,6 +62,8 @@ def _state(station: Station) -> State:
 def _word(station: Station, state: State, task: Exercise | None) -> tuple[str, bool]:
     """A word or two, and whether the trainer should look."""
     seen, attempt = station.seen, station.attempt
+    if station.hands_locked and state in ("practice", "running"):
+        return "frozen", False
     if state == "debrief" and attempt is not None and attempt.attempt.result is not None:
         return ("passed", False) if attempt.attempt.result.passed else ("not yet", True)
     if state != "running" or seen is None or task is None:

@@ -13,6 +13,7 @@ from ..lab.database import LabDatabaseError
 from ..lab.kept_text import check_comment
 from ..server import wire
 from ..server.client_messages import Drawn, MessageError, Ping
+from ..server.mesh_flow import MeshFlow
 from ..server.outbox import Outbox
 from ..server.server_messages import PROTOCOL, ModelMessage, Pong, SceneMessage, TargetMessage
 from ..server.speaker import Speaker
@@ -30,6 +31,8 @@ _LOOK_S = 0.25
 """Between two looks at the stations."""
 _THUMBS = 4
 """Looks between two rounds of small pictures."""
+_MESH_HZ = 8.0
+"""Positions of the 3-D view a second at most."""
 _AHEAD = 2
 """Pictures on their way to a page that has not drawn them yet."""
 
@@ -49,6 +52,7 @@ class TrainerConnection(Speaker):
         super().__init__(heard.KINDS, outbox)
         self._course, self._outbox = course, outbox
         self._watched: Station | None = None
+        self._meshes, self._meshes_wanted = MeshFlow(_MESH_HZ), False
         self._flying: deque[int] = deque()
         self._frames = 0
         self._seen: Seen | None = None
@@ -80,7 +84,8 @@ class TrainerConnection(Speaker):
             case Ping():
                 self.sender.say(Pong())
             case heard.WatchStation():
-                self._watch(None if message.station is None else self._station("watch_station", message.station))
+                station = None if message.station is None else self._station("watch_station", message.station)
+                self._watch(station, message.meshes)
             case heard.SetExercise():
                 self._set_exercise(message)
             case heard.LockStation():
@@ -101,7 +106,26 @@ class TrainerConnection(Speaker):
         self._named = None
         self._flying.clear()
         console = stage.console
+        self._meshes.begin(console)
         self.sender.say(SceneMessage.of(name, console, stage.command, stage.start, ALL_GUIDES))
+        if self._meshes_wanted:
+            self._begin(self._bring_meshes(stage))
+
+    async def _bring_meshes(self, stage: Stage) -> None:
+        """Send a scene's surfaces once they are made, where it is still the one that is watched."""
+        try:
+            geometry = await asyncio.wrap_future(self._course.catalog.meshes(stage.scene))
+        except (ValueError, OSError, ImportError, RuntimeError, MemoryError) as error:
+            self.sender.report(f"the 3-D view has no surfaces: {error}")
+            return
+        working = None if self._watched is None else self._watched.working
+        if working is None or working[1] is not stage or not self._meshes_wanted:
+            return
+        self.sender.put(geometry)
+        self._meshes.show(stage.scene)
+        self._seen = None  # where nothing moves, the positions come with the last picture once more
+        if self._watched is not None and self._watched.seen is not None:
+            self.show(self._watched.seen)
 
     def show(self, seen: Seen) -> None:
         """Send a picture of the station that is watched, where the page has drawn those before; in any thread."""
@@ -111,9 +135,11 @@ class TrainerConnection(Speaker):
             self._frames += 1
             number, self._seen = self._frames, seen
             self._flying.append(number)
+            positions = None if seen.replay else self._meshes.positions(seen.scene, seen.shown)
         shown = seen.shown
         picture = wire.frame(
-            shown, number=number, seq=0, guides=ALL_GUIDES, summary=seen.summary, replay=seen.replay
+            shown, number=number, seq=0, guides=ALL_GUIDES, summary=seen.summary, replay=seen.replay,
+            positions=positions,
         )  # fmt: skip
         self.sender.call(lambda _: self._send(shown.model, shown.target, picture), None)
 
@@ -131,7 +157,8 @@ class TrainerConnection(Speaker):
             self.sender.say(TargetMessage(id=target))
         self.sender.put(picture)
 
-    def _watch(self, station: Station | None) -> None:
+    def _watch(self, station: Station | None, meshes: bool = False) -> None:
+        self._meshes_wanted = meshes
         if self._watched is not None:
             self._watched.watchers -= {self}
         self._watched = station

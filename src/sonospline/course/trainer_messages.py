@@ -31,6 +31,7 @@ class WatchStation(ClientMessage, frozen=True, kw_only=True):
     """Asks for everything that a station's page is sent."""
 
     station: Annotated[Text, about("name of a station; none for none")] | None
+    meshes: Annotated[bool, about("whether those of the 3-D view are wanted")] = False
 
 
 class SetExercise(ClientMessage, frozen=True, kw_only=True):
@@ -41,10 +42,10 @@ class SetExercise(ClientMessage, frozen=True, kw_only=True):
 
 
 class LockStation(ClientMessage, frozen=True, kw_only=True):
-    """Keeps guides off in free practice, or the model as it is."""
+    """Keeps guides off in free practice, the model as it is, or hands: time stands still, and nothing counts."""
 
     station: Where
-    what: Annotated[Literal["guides", "models"], about("what is locked")]
+    what: Annotated[Literal["guides", "models", "hands"], about("what is locked")]
     on: Annotated[bool, about("whether it is")]
 
 
@@ -112,6 +113,8 @@ class StationState(Struct, frozen=True, kw_only=True):
     """Id of the one that the trainer has set."""
     guides_locked: bool
     models_locked: bool
+    hands_locked: bool
+    """Whether it is frozen by the trainer."""
     word: str
     """The state in a word or two."""
     caution: bool

@@ -152,7 +152,7 @@ class Connection(Speaker):
             raise MessageError("command", f"seq = {seq} is out of order; give more than {self._seq}", seq)
         live = self._ready("command", seq)
         try:
-            live.submit(message.command, seq)
+            live.submit(self.seat.heeded(message.command), seq)
         except ValueError as error:
             raise MessageError("command", str(error), seq) from None
         self._seq = seq
@@ -202,6 +202,11 @@ class Connection(Speaker):
         if live.stage.exercise is None:
             raise MessageError(what, "came while no exercise runs; begin one")
         return live
+
+    def freeze(self, on: bool) -> None:
+        """Have time stand still, or go on, where something is worked on."""
+        if self._live is not None and not self._live.ended:
+            self._live.freeze(on)
 
     async def begin_again(self) -> None:
         """Let a page go on with what it works on as if it had just come: what may be shown has changed."""

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING
 from ..training.exercise import ALL_GUIDES
 from . import wire
 from .client_messages import MessageError
+from .mesh_flow import MeshFlow
 from .seat import Seat
 from .wire import PassSummary, ReplayedStep
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from ..simulator.console import Console
     from ..simulator.console_frame import ConsoleFrame
-    from ..simulator.scene import Scene
     from ..simulator.stamp import Stamp
     from .stage import Stage
 
@@ -40,21 +37,18 @@ class FrameFlow:
         self._seat = Seat() if seat is None else seat
         self._flying: deque[int] = deque()
         self._frames = self._of_older_scenes = 0
-        self._grid_wanted, self._ahead = False, 1
-        self._sent_field: object = None
-        self._sent_grid = False
-        self._shown: Scene | None = None
-        self._mesh_at = -1.0
+        self._ahead = 1
+        self.meshes = MeshFlow(MESH_HZ)
 
     def begin(self, console: Console) -> None:
         """Go on with a console's frames; the page has no meshes of it yet."""
         self._flying.clear()
-        self._of_older_scenes, self._shown = self._frames, None
-        self._sent_field, self._mesh_at = console.session.rest, -1.0
+        self._of_older_scenes = self._frames
+        self.meshes.begin(console)
 
     def view(self, grid: bool, ahead: int) -> None:
         """Heed what the page shows and how far frames may be ahead of it."""
-        self._grid_wanted, self._ahead = grid, ahead
+        self.meshes.grid_wanted, self._ahead = grid, ahead
 
     def may_send(self) -> bool:
         """Return whether another frame is welcome."""
@@ -78,13 +72,13 @@ class FrameFlow:
     def encode(self, stage: Stage, shown: ConsoleFrame, stamp: Stamp) -> bytes:
         """Return the message of a picture."""
         self._seat.saw(shown, None)
-        positions = self._positions(stage.console.scene, shown)
+        positions = self.meshes.positions(stage.console.scene, shown)
         self._frames += 1
         self._flying.append(self._frames)
         return wire.frame(
             shown, number=self._frames, seq=stamp.seq, guides=stage.guides, summary=stage.summary(shown),
             positions=positions,
-            grid=positions is not None and self._sent_grid, server_ms=1e3 * (time.perf_counter() - stamp.since),
+            grid=positions is not None and self.meshes.has_grid, server_ms=1e3 * (time.perf_counter() - stamp.since),
         )  # fmt: skip
 
     def encode_replayed(self, shown: ConsoleFrame, replay: ReplayedStep, *, passes: int) -> bytes:
@@ -101,18 +95,3 @@ class FrameFlow:
     def at_first(self) -> bool:
         """Whether the newest frame is the first of its scene."""
         return self._frames == self._of_older_scenes + 1
-
-    def show(self, scene: Scene) -> None:
-        """Have positions sent from now on: the page knows the meshes."""
-        self._shown = scene
-
-    def _positions(self, scene: Scene, shown: ConsoleFrame) -> NDArray[np.float32] | None:
-        """Deformed vertices where the tissue moved since they were last sent, and that was long enough ago."""
-        if scene is not self._shown:
-            return None
-        now = time.monotonic()
-        changed = shown.field is not self._sent_field or self._grid_wanted != self._sent_grid
-        if not changed or now - self._mesh_at < 1 / MESH_HZ:
-            return None
-        self._sent_field, self._mesh_at, self._sent_grid = shown.field, now, self._grid_wanted
-        return scene.deformed(shown.field, grid=self._grid_wanted)

@@ -7,6 +7,8 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
+
 from ..simulator.runner import Runner
 from ..simulator.stamp import Stamp
 from .client_messages import MessageError
@@ -74,6 +76,10 @@ class LiveSession:
         self.stage.check(command)
         self._runner.submit(command, seq)
 
+    def freeze(self, on: bool) -> None:
+        """Have time stand still, or go on, whatever the page asks for."""
+        self._runner.amend(lambda command: structs.replace(command, frozen=on))
+
     def act(self, action: Callable[[Stage], object]) -> None:
         """Have something else done to the stage.
 
@@ -126,7 +132,7 @@ class LiveSession:
             self._sender.report(f"the 3-D view has no surfaces: {error}")
             return
         self._sender.put(geometry)
-        self._flow.show(self.console.scene)
+        self._flow.meshes.show(self.console.scene)
         self._runner.do(_nothing)  # where nothing moves, the positions come by one more frame
 
 

@@ -148,17 +148,22 @@ class SceneCatalog:
 
     def geometry(self, console: Console, wanted: Wanted = lambda: True) -> Future[bytes]:
         """Return the message with a scene's meshes, once they are made; then make ready what comes next."""
-        scene = console.scene
-        worker = self._brought if scene in self._brought_scenes else self._offered
-        made = worker.submit(wire.geometry, scene)
+        made = self.meshes(console.scene)
         self.prepare_push(console, wanted)
         return made
 
+    def meshes(self, scene: Scene) -> Future[bytes]:
+        """Return the message with a scene's meshes, once they are made."""
+        return self._worker_of(scene).submit(wire.geometry, scene)
+
     def prepare_push(self, console: Console, wanted: Wanted = lambda: True) -> None:
         """Make what a push will need."""
-        worker = self._brought if console.scene in self._brought_scenes else self._offered
+        worker = self._worker_of(console.scene)
         for preparation in (console.warm_up, console.scene.prepare):
             worker.submit(_if_wanted, wanted, preparation)
+
+    def _worker_of(self, scene: Scene) -> Worker:
+        return self._brought if scene in self._brought_scenes else self._offered
 
     def release_memory(self) -> None:
         """Give back the memory of sessions that ended, in a thread that makes scenes."""

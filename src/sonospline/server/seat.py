@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from .client_messages import Message, MessageError
 
 if TYPE_CHECKING:
+    from ..simulator.command import Command
     from ..simulator.console_frame import ConsoleFrame
     from .sender import Sender
     from .stage import Stage
@@ -18,6 +19,9 @@ class SeatedPage(Protocol):
 
     key: str
     sender: Sender
+
+    def freeze(self, on: bool) -> None:
+        """Have time stand still, or go on."""
 
     async def begin_again(self) -> None:
         """Let the page go on with what it works on as if it had just come."""
@@ -37,6 +41,10 @@ class Seat:
 
     def refusal(self, message: Message) -> str | None:
         """Return why a message is not heeded here, None where it is."""
+
+    def heeded(self, command: Command) -> Command:
+        """Return what is made of a command."""
+        return command
 
     def sit_down(self, participant: str | None) -> None:
         """Somebody says who sits here; None for nobody any more."""

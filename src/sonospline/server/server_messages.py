@@ -340,6 +340,8 @@ class StationMessage(ServerMessage, frozen=True, kw_only=True, tag="station"):
     """Id of the one that is to be done; None leaves the choice."""
     guides_locked: bool
     models_locked: bool
+    hands_locked: bool
+    """Frozen by the trainer: time stands still, and nothing counts."""
     said: str
     """By the trainer, for whoever sits there."""
     comments: tuple[Comment, ...]

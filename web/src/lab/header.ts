@@ -33,6 +33,7 @@ export function labHeader(lab: Lab): HTMLElement {
     exerciseChoice(lab, "All stations", true),
     lockButton(lab, "Lock guides", "guides", true),
     lockButton(lab, "Lock models", "models", true),
+    lockButton(lab, "Freeze all", "hands", true),
     h("a", { class: "button", href: table.href, download: "attempts.csv" }, "Export"),
   );
 }

@@ -16,6 +16,8 @@ export class Lab {
   /** Name of the station that is watched. */
   watched: string | null = null;
   today = true;
+  /** Whether its 3-D view is shown. */
+  meshes = false;
 
   readonly greeted = new Signal<LabHello>();
   readonly changed = new Signal<Stations>();
@@ -65,7 +67,7 @@ export class Lab {
 
   watch(name: string): void {
     this.watched = name;
-    this.say({ type: "watch_station", station: name });
+    this.say({ type: "watch_station", station: name, meshes: this.meshes });
     this.chosen.emit(name);
   }
 

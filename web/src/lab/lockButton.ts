@@ -1,9 +1,9 @@
-/** Locks guides or the model, at the station that is watched or at all of them. */
+/** Locks guides, the model or hands, at the station that is watched or at all of them. */
 
 import { h } from "../dom";
 import type { Lab } from "./lab";
 
-const HINTS = { guides: "Free practice without guides", models: "The model stays as it is" } as const;
+const HINTS = { guides: "Free practice without guides", models: "The model stays as it is", hands: "Time stands still, and nothing counts" } as const;
 
 export function lockButton(lab: Lab, label: string, what: keyof typeof HINTS, all: boolean): HTMLElement {
   const button = h("button", { type: "button", class: "button toggle", "aria-pressed": "false", title: HINTS[what], disabled: true }, label);

@@ -9,10 +9,12 @@ import { Signal } from "../signal";
 import { exerciseChoice } from "./exerciseChoice";
 import type { Lab, StationState } from "./lab";
 import { lockButton } from "./lockButton";
+import { SolidView } from "./solidView";
 
 export class Watched {
   readonly session: Session;
   readonly image: ImagePane;
+  private readonly solid: SolidView;
   private readonly title = h("h2", { id: "watched-title" }, "No station is watched");
   private readonly note = h("span", { class: "note" }, "same pixels, read only");
   private readonly numbers = {
@@ -28,6 +30,7 @@ export class Watched {
   constructor(private readonly lab: Lab) {
     this.session = new Session(lab.watching);
     this.image = new ImagePane(this.session, { switched: new Signal() }, true);
+    this.solid = new SolidView(this.session);
     this.remark = h("button", { type: "button", class: "button", title: "Kept with the attempt, and shown in its debrief" }, "Comment");
     this.remark.addEventListener("click", () => this.comment());
     const form = h("form", { class: "say" }, this.line, h("button", { type: "submit", class: "button" }, "Say now"), this.remark);
@@ -40,11 +43,11 @@ export class Watched {
     this.element = h(
       "section",
       { class: "watched", "aria-labelledby": "watched-title" },
-      h("div", { class: "panel-head" }, this.title, this.note),
-      h("div", { class: "watched-image" }, this.image.element),
+      h("div", { class: "panel-head" }, this.title, this.note, this.solidButton()),
+      h("div", { class: "watched-panes" }, h("div", { class: "watched-image" }, this.image.element), this.solid.element),
       h("div", { class: "numbers" }, ...Object.values(this.numbers).map(({ root }) => root)),
       this.verdict,
-      h("div", { class: "sets" }, exerciseChoice(lab, "Exercise", false), lockButton(lab, "Lock guides", "guides", false), lockButton(lab, "Lock model", "models", false)),
+      h("div", { class: "sets" }, exerciseChoice(lab, "Exercise", false), lockButton(lab, "Lock guides", "guides", false), lockButton(lab, "Lock model", "models", false), lockButton(lab, "Freeze", "hands", false)),
       form,
       this.comments,
     );
@@ -56,6 +59,19 @@ export class Watched {
   tick(now: number): void {
     this.session.draw(now);
     this.image.tick(now);
+    this.solid.tick(now);
+  }
+
+  /** Surfaces are sent where they are shown, and not else. */
+  private solidButton(): HTMLButtonElement {
+    const button = h("button", { type: "button", class: "button toggle", "aria-pressed": "false", title: "The station's 3-D view, beside its image" }, "3-D view");
+    button.addEventListener("click", () => {
+      this.solid.show(!this.solid.shown);
+      button.setAttribute("aria-pressed", String(this.solid.shown));
+      this.lab.meshes = this.solid.shown;
+      if (this.lab.watched !== null) this.lab.watch(this.lab.watched);
+    });
+    return button;
   }
 
   private get state(): StationState | null {
@@ -76,6 +92,8 @@ export class Watched {
     const attempt = state.state === "running" || state.state === "debrief";
     write(this.title, `Watching station ${state.name}${state.participant ? ` · ${state.participant}` : ""}`);
     toggle(this.element, "empty", state.frame === 0);
+    write(this.note, state.hands_locked ? "frozen by you" : "same pixels, read only");
+    toggle(this.note, "frozen", state.hands_locked);
     const { target, plane, blind, force, passes, time } = this.numbers;
     put(target, state.to_target_mm);
     put(plane, state.out_of_plane_mm, Math.abs(state.out_of_plane_mm ?? 0) > (state.half_slice_mm ?? Infinity) && (state.depth_mm ?? 0) > 0);

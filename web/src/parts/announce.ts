@@ -31,6 +31,11 @@ export class Announcer {
       if (status === "frozen") this.say("Frozen.");
       if (status === "lost") this.alarm("Connection lost.");
     });
+    let held = false;
+    desk.trainer.stationed.on(({ hands_locked }) => {
+      if (hands_locked !== held) this.say(hands_locked ? "Frozen by the trainer." : "The trainer lets it go on.");
+      held = hands_locked;
+    });
     session.sceneReady.on((scene) => this.say(`${scene.name} is ready.`));
     session.modelChanged.on((model) => this.say(`Model: ${session.scene?.models.find(({ id }) => id === model)?.name ?? model}.`));
     session.refused.on(({ message }) => this.alarm(message));

@@ -55,12 +55,15 @@ export function pushButton(desk: Desk, sign: 1 | -1, label: string, className: s
 export function freezeButton(desk: Desk, className: string): HTMLButtonElement {
   const button = actionButton(desk, "freeze", "Freeze", "freeze", `freeze ${className}`);
   const word = button.lastElementChild as HTMLElement;
-  desk.session.statusChanged.on((status) => {
-    const frozen = status === "frozen";
+  const { session, trainer } = desk;
+  const refresh = () => {
+    const frozen = session.status === "frozen";
     button.setAttribute("aria-pressed", String(frozen));
     word.textContent = frozen ? "Frozen" : "Freeze";
-    button.disabled = status !== "live" && !frozen;
-  });
+    button.disabled = session.held || (session.status !== "live" && !frozen);
+  };
+  session.statusChanged.on(refresh);
+  trainer.stationed.on(refresh);
   return button;
 }
 

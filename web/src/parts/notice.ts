@@ -122,7 +122,8 @@ export class NoticePart {
     const { session, switches, restoreUntil } = this.desk;
     if (session.status === "lost" || session.status === "loading") return null;
     if (this.fault) return { kind: "fault", picture: "warning", title: "Fault", text: this.fault.message, close: true };
-    if (this.said) return { kind: "plain", picture: "eye", title: "Your trainer", text: this.said, close: true };
+    if (this.said) return { kind: "plain", picture: "eye", title: session.held ? "Frozen by the trainer" : "Your trainer", text: this.said, close: true };
+    if (session.held) return { kind: "plain", picture: "freeze", title: "Frozen by the trainer", text: "Time stands still" };
     if (session.status === "frozen") return { kind: "plain", picture: "freeze", title: "Frozen", text: "Space or Freeze to go on" };
     if (now < restoreUntil) return { kind: "plain", picture: "clockwise", title: "Reset", text: `can be undone for ${Math.ceil((restoreUntil - now) / 1000)} s`, undo: true };
     if (this.blocked && now < this.blocked.until) return { kind: "caution", picture: "warning", title: this.blocked.title, text: this.blocked.text };

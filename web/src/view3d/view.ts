@@ -51,6 +51,7 @@ export class View3d {
   constructor() {
     this.canvas = this.screen.canvas;
     this.canvas.className = "view3d";
+    this.canvas.setAttribute("aria-hidden", "true"); // what it lies in has the name
     this.orbit = new OrbitControls(this.camera, this.canvas);
     this.orbit.enableDamping = false;
     this.orbit.keys = { LEFT: "", UP: "", RIGHT: "", BOTTOM: "" };
