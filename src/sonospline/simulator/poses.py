@@ -54,8 +54,8 @@ class Poses(NamedTuple):
         return Poses(
             self.needles if needles is None else _named(needles),
             _moved(self.probe_to_reference, probe_to_reference),
-            self.settings if settings is None else _within(scene, settings),
-            self.tissue if tissue is None else _able(scene, tissue),
+            self.settings if settings is None or settings == self.settings else _within(scene, settings),
+            self.tissue if tissue is None or tissue == self.tissue else _able(scene, tissue),
         )
 
     @property
