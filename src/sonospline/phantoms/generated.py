@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.flow import Flow
 from ..ultrasound.phantom import Phantom
-from .kidney import BOX_MM, LABELS, kidney_phantom
+from .kidney import BOX_MM, LABELS, KidneyPhantom, kidney_phantom
 from .wide_kidney import LABELS as WIDE_LABELS
 from .wide_kidney import wide_kidney_phantom
 
@@ -57,28 +58,24 @@ class GeneratedTissue:
 
 def kidney(voxel_mm: float) -> GeneratedTissue:
     """Return the kidney of :func:`~sonospline.phantoms.kidney_phantom`."""
-    found = kidney_phantom(spacing_mm=voxel_mm, kept=True)
-    return GeneratedTissue(
-        phantom=found.phantom, names=LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
-        dent=PaintedDent(found.probe_to_reference[:3, 3], _undented_kidney),
-    )  # fmt: skip
+    return _dented(kidney_phantom, LABELS, voxel_mm)
 
 
 def wide_kidney(voxel_mm: float) -> GeneratedTissue:
     """Return the kidney of :func:`~sonospline.phantoms.wide_kidney_phantom`, in the same mechanical box."""
-    found = wide_kidney_phantom(spacing_mm=voxel_mm, kept=True)
+    return _dented(wide_kidney_phantom, WIDE_LABELS, voxel_mm)
+
+
+def _dented(make: Callable[..., KidneyPhantom], names: dict[int, str], voxel_mm: float) -> GeneratedTissue:
+    found = make(spacing_mm=voxel_mm, kept=True)
     return GeneratedTissue(
-        phantom=found.phantom, names=WIDE_LABELS, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
-        dent=PaintedDent(found.probe_to_reference[:3, 3], _undented_wide_kidney),
+        phantom=found.phantom, names=names, box=(np.zeros(3), np.array(BOX_MM)), targets=found.targets,
+        dent=PaintedDent(found.probe_to_reference[:3, 3], partial(_undented, make)),
     )  # fmt: skip
 
 
-def _undented_wide_kidney(voxel_mm: float) -> Phantom:
-    return wide_kidney_phantom(spacing_mm=voxel_mm, pressed=False, kept=True).phantom
-
-
-def _undented_kidney(voxel_mm: float) -> Phantom:
-    return kidney_phantom(spacing_mm=voxel_mm, pressed=False, kept=True).phantom
+def _undented(make: Callable[..., KidneyPhantom], voxel_mm: float) -> Phantom:
+    return make(spacing_mm=voxel_mm, pressed=False, kept=True).phantom
 
 
 def gel_block(voxel_mm: float) -> GeneratedTissue:
