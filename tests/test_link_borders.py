@@ -15,9 +15,10 @@ from msgspec.structs import replace
 
 import sonospline as ss
 from link_client import LinkClient, eventually
-from link_poses import SMALL_BLOCK
+from link_poses import SMALL_BLOCK, turned
 from simulator_client import connect
 from sonospline import cli, igtl
+from sonospline.geometry.pose import pose_along
 from sonospline.link import LinkServer, PageLink, Scanner, ScannerNames
 from sonospline.link.coordinate_frames import CoordinateFrames
 from sonospline.link.device_set import device_set_of
@@ -131,6 +132,32 @@ def test_what_3d_slicer_takes_for_an_error_is_sent_to_who_asks():
         server.publish(*force, said)
         assert slicer.next().content.type == "STRING"
         assert [other.next().content.type for _ in range(2)] == ["SENSOR", "STRING"]
+
+
+def test_a_calibration_and_a_registration_are_given_anew(scene):
+    """As 3D Slicer does after a pivot calibration or a registration of fiducials, by PLUS's UpdateTransform."""
+    goal = pose_along(scene.frame.origin + 12 * scene.frame.depth, scene.frame.depth)
+    tip, registration = turned(2, mm=5), turned(3)
+    hand = np.linalg.inv(registration) @ goal @ np.linalg.inv(tip)
+    given = {"NeedleTipToNeedle": tip, "RasToReference": np.linalg.inv(registration)}
+    with Scanner(ss.Session(scene, model="kelvinlet"), port=0) as scanner, LinkClient(scanner.server.port) as client:
+        client.send(igtl.Transform(hand), "NeedleToReference")
+        wrong = {"AToB": tip, "ImageToProbe": tip, "NeedleTipToNeedle": np.diag([2.0, 1, 1, 1])}
+        for number, (name, matrix, status) in enumerate(
+            [(*pair, "FAIL") for pair in wrong.items()] + [(*pair, "SUCCESS") for pair in given.items()]
+        ):
+            rows = " ".join(f"{x:.9g}" for x in np.ravel(matrix))
+            xml = f'<Command Name="UpdateTransform" TransformName="{name}" TransformValue="{rows}" />'
+            client.send(igtl.String(xml), f"CMD_{number}")
+            assert f'Status="{status}"' in client.wait_for("STRING", f"ACK_{number}").content.text, name
+        wanted = np.linalg.inv(registration) @ goal
+        while not np.allclose(client.wait_for("TRANSFORM", "NeedleTipToReference").content.matrix, wanted, atol=1e-3):
+            pass
+        target = np.linalg.inv(registration) @ [*scanner.session.last.target_now, 1]
+        np.testing.assert_allclose(
+            client.wait_for("TRANSFORM", "TargetToReference").content.matrix[:, 3], target, atol=0.1
+        )
+    assert scanner.session.last.needle.depth == pytest.approx(12, abs=1e-3)
 
 
 def test_half_a_header_is_not_waited_for():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec.structs import replace
+from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.pose import rigid
 from ..tracking.transform_repository import TransformRepository, frames_of
-from .scanner_names import ScannerNames
+from .scanner_names import CoordinateDefinition, ScannerNames
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,25 @@ class CoordinateFrames:
 
     def _rigid(self, source: str, target: str) -> Array:
         return np.eye(4) if source == target else rigid(f"{source}To{target}", self.known.get(f"{source}To{target}"))
+
+    def define(self, name: str, matrix: ArrayLike) -> None:
+        """Give a definition anew, as PLUS's UpdateTransform does: ``NeedleTipToNeedle`` after a pivot calibration.
+
+        Raises
+        ------
+        ValueError
+            It is none of those that are known, or not rigid.
+        """
+        source, target = frames_of(name)
+        if IMAGE in (source, target) or len(self.known.way(source, target) or ()) != 2:
+            raise ValueError(
+                f"{name} defines nothing here; give one of those that are known, as {self.tip}To{self.needle}"
+            )
+        others = [one for one in self.names.CoordinateDefinitions if {one.From, one.To} != {source, target}]
+        rows = tuple(rigid(name, matrix).ravel().tolist())
+        definition = CoordinateDefinition(From=source, To=target, Matrix=rows)
+        made = CoordinateFrames(replace(self.names, CoordinateDefinitions=(*others, definition)))
+        vars(self).update(vars(made))
 
     def points(self, world: NDArray[np.floating]) -> Array:
         """Return points (m, 3) of the world in the wire's reference."""

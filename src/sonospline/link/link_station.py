@@ -129,10 +129,11 @@ class LinkStation:
         self._seldom.say(f"refused: {line}")
 
     def move(self, name: str, matrix: Array, source: str = "UpdateTransform") -> None:
-        """Take a transform by its name; ValueError where it is about nothing here, or somebody else's."""
-        if not self.tracking.wants(name):
-            raise ValueError(f"{name!r} moves nothing here; give {self.names.Probe} or {self.names.Needle}")
-        self.tracking.take(name, matrix, source=source)
+        """Take a pose or a definition by its name; ValueError where it is about nothing here, or somebody else's."""
+        if self.tracking.wants(name):
+            self.tracking.take(name, matrix, source=source)
+        else:
+            self.tracking.define(name, matrix)
         self.driven.follow(self.tracking)
 
     def play(self, sequence: PoseSequence, name: str) -> None:

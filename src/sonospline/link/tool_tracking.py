@@ -133,6 +133,12 @@ class ToolTracking:
             measured = self._clocks.setdefault(source, StampClock()).measured(stamp_s, now)
             self._tracks.setdefault(name, PoseTrack()).add(pose, measured - self._latency.get(source, 0.0))
 
+    def define(self, name: str, matrix: ArrayLike) -> None:
+        """Give one of the frames' definitions anew; ValueError as of :meth:`CoordinateFrames.define`."""
+        with self._lock:
+            self._frames.define(name, matrix)
+            self._known.set(name, self._frames.known.get(name))
+
     def tip(self) -> Array | None:
         """Return the pose of the needle's tip in the simulator's world; None where it is not known."""
         return self._tool(NEEDLE)
