@@ -54,7 +54,7 @@ def test_gymnasium_finds_nothing_to_say(name, recwarn):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", envs.IDS)
 def test_stable_baselines_finds_nothing_to_say(name, recwarn):
-    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="a library of its own")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the extra 'learn'")
     checker.check_env(gymnasium.make(name, nodes=NODES).unwrapped)
     assert [str(warning.message) for warning in recwarn] == []
 
