@@ -16,7 +16,7 @@ from ..server.practice import Practice
 from ..server.seat import Seat, SeatedPage
 from ..server.server_messages import Comment, Refused, StationMessage
 from ..server.wire import PassSummary, ReplayedStep
-from ..training.exercise import ALL_GUIDES
+from ..training.guide import ALL_GUIDES
 from .attempt_notes import AttemptNotes
 from .office import Office
 

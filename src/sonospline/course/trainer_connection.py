@@ -17,7 +17,7 @@ from ..server.mesh_flow import MeshFlow
 from ..server.outbox import Outbox
 from ..server.server_messages import PROTOCOL, ModelMessage, Pong, SceneMessage, TargetMessage
 from ..server.speaker import Speaker
-from ..training.exercise import ALL_GUIDES
+from ..training.guide import ALL_GUIDES
 from . import trainer_messages as heard
 from .course import Course
 from .station import Seen, Station

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING
 
-from ..training.exercise import ALL_GUIDES
+from ..training.guide import ALL_GUIDES
 from . import wire
 from .client_messages import MessageError
 from .mesh_flow import MeshFlow

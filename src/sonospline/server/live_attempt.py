@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..training.attempt import Attempt
 from ..training.attempt_recording import AttemptRecording
-from ..training.exercise import Exercise, Guide
+from ..training.exercise import Exercise
+from ..training.guide import Guide
 from .practice import PassMeter
 from .wire import PassSummary
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..training.exercise import ALL_GUIDES
 from ..training.growing_trace import GrowingTrace
+from ..training.guide import ALL_GUIDES
 from ..training.metric import METRICS
 from ..training.task import Task
 from ..training.trace import Sample
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
     from ..simulator.session import Session
-    from ..training.exercise import Guide
+    from ..training.guide import Guide
 
 MEASURED_EVERY_S = 0.5
 """Of the session's time, between two looks at the whole pass."""

@@ -9,7 +9,7 @@ from msgspec import Struct
 from .. import models
 from ..simulator.command import Command
 from ..simulator.knobs import SceneKnob
-from ..training.exercise import Guide
+from ..training.guide import Guide
 from .client_messages import snake_case
 
 if TYPE_CHECKING:

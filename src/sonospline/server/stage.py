@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from ..simulator.console import Console
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
-    from ..training.exercise import Guide
+    from ..training.guide import Guide
     from .wire import PassSummary
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..simulator.console_frame import ConsoleFrame
     from ..simulator.scene import Scene
     from ..simulator.surfaces import Mesh
-    from ..training.exercise import Guide
+    from ..training.guide import Guide
     from ..ultrasound.colour_flow import ColourFlow
 
 FRAME, GEOMETRY = 1, 2

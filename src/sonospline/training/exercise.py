@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -19,6 +19,7 @@ from ..simulator.scene_file import SceneFile, TargetPart, parsed
 from ..simulator.shipped import SHIPPED
 from ..simulator.tissue_settings import TissueSettings
 from ..ultrasound.needle_echo import LOOKS
+from .guide import Guide
 from .metric import METRICS
 from .task import Task
 
@@ -27,8 +28,6 @@ SHIPPED_EXERCISES = (
 )  # fmt: skip
 """Names of the exercises that come with the package, from the easiest on."""
 
-Guide = Literal["path", "target", "tip", "numbers", "3-D view"]
-ALL_GUIDES: frozenset[Guide] = frozenset(get_args(Guide))
 Range = tuple[float, float]
 Names = Annotated[tuple[Text, ...], about("names; * and ? as in file names", longest=LONGEST_LIST)]
 _KNOBS = ("u", "v", "angle", "swing", "slide", "sweep", "rotate", "fan")
