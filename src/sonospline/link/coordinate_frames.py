@@ -6,6 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
+from .._shown import shown
 from ..geometry.pose import rigid
 from ..tracking.transform_repository import TransformRepository, frames_of
 from .scanner_names import CoordinateDefinition, ScannerNames
@@ -71,7 +72,7 @@ class CoordinateFrames:
         source, target = frames_of(name)
         if IMAGE in (source, target) or len(self.known.way(source, target) or ()) != 2:
             raise ValueError(
-                f"{name} defines nothing here; give one of those that are known, as {self.tip}To{self.needle}"
+                f"{shown(name)} defines nothing here; give one of those that are known, as {self.tip}To{self.needle}"
             )
         others = [one for one in self.names.CoordinateDefinitions if {one.From, one.To} != {source, target}]
         rows = tuple(rigid(name, matrix).ravel().tolist())
