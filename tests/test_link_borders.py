@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+import igtl_peers
 import sonospline as ss
 from link_client import LinkClient, eventually
 from link_poses import SMALL_BLOCK, turned
@@ -119,6 +120,19 @@ def test_poses_come_together_to_who_asks(scene, kind):
         alone = client.wait_for("TRANSFORM", "ProbeToReference").content.matrix
     assert set(tools) == {f"{name}ToReference" for name in ("Probe", "Needle", "NeedleTip", "Target")}
     np.testing.assert_allclose(tools["ProbeToReference"], alone, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_an_example_program_asks_the_scanner_for_quaternions(scene, tmp_path):
+    """Debian's QuaternionTrackingDataClient: it starts a flow, prints one, and stops it by and by."""
+    program = igtl_peers.example("QuaternionTrackingData/QuaternionTrackingDataClient", tmp_path)
+    with Scanner(ss.Session(scene, model="kelvinlet"), port=0) as scanner:
+        command = [program, "127.0.0.1", str(scanner.server.port), "100"]
+        run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        assert eventually(lambda: scanner.server.clients and scanner.server.clients[0].received > 1)
+    said = run.communicate(timeout=20)[0]
+    assert said.count("Quaternion :") >= 4, said
+    assert "TargetToReference" in said
 
 
 def test_what_3d_slicer_takes_for_an_error_is_sent_to_who_asks():
