@@ -1,18 +1,23 @@
 """A small U-Net that segments the needle, trained on a data set of drawn blocks, judged on anatomies it has not seen.
 
-Claim: Dice of at least 0.7 over the test split, after less than ten minutes of training on two processors from 5,000
+Claim: Dice of at least 0.9 over the test split, after less than ten minutes of training on two processors from 5,000
 samples: the labels are where the images are.
 
-    python benchmarks/a_small_unet_finds_the_needle_in_anatomy_it_has_not_seen.py [samples] [folder]
+    python benchmarks/a_small_unet_finds_the_needle_in_anatomy_it_has_not_seen.py [samples] [folder] [picture]
 
-Makes the data set in the folder first, or what is missing of it; by default 5,000 samples in a folder of its own. Needs
-PyTorch. Ends with 1 where the claim is missed.
+Makes the data set in the folder first, or what is missing of it; by default 5,000 samples in a folder of its own. The
+picture has images of the test split, the needle in them, and what was found. Needs PyTorch. Ends with 1 where the claim
+is missed; what counts is the processors' time, ten minutes of two, so that others at work there do not.
 """
 
+import os
 import sys
 import tempfile
 import time
 
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # threads that wait do not count as work
+
+import numpy as np
 import torch
 from torch import nn
 
@@ -38,7 +43,7 @@ swing_deg = [-2, 2]
 [stored]
 displacement = false
 """
-EPOCHS, BATCH, LEAST, MOST_S = 4, 16, 0.7, 600.0
+EPOCHS, BATCH, LEAST, MOST_S, CORES = 4, 16, 0.9, 600.0, 2
 
 
 def block(channels_in, channels):
@@ -47,7 +52,7 @@ def block(channels_in, channels):
 
 
 class UNet(nn.Module):
-    """Four levels below a stem that halves the image; some 120,000 weights."""
+    """Four levels below a stem that halves the image; some 98,000 weights."""
 
     def __init__(self, widths=(8, 16, 32, 48)):
         super().__init__()
@@ -69,7 +74,8 @@ class UNet(nn.Module):
 
 def batches(data, split, shuffle=None):
     for batch in torch.utils.data.DataLoader(torch_samples(data, split, ["image", "needle"], shuffle=shuffle), BATCH):
-        yield batch["image"][:, None].float() / 255 - 0.3, batch["needle"].float()
+        image = batch["image"][:, None].float() / 255 - 0.3
+        yield image.contiguous(memory_format=torch.channels_last), batch["needle"].float()
 
 
 def loss_of(logits, shaft):
@@ -80,7 +86,7 @@ def loss_of(logits, shaft):
 
 def trained(data):
     torch.manual_seed(0)
-    net = UNet()
+    net = UNet().to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), 3e-3)
     for epoch in range(EPOCHS):
         for group in optimiser.param_groups:
@@ -89,6 +95,9 @@ def trained(data):
             optimiser.zero_grad()
             loss_of(net(image), shaft).backward()
             optimiser.step()
+        found = dice(net.eval(), data, "validation")
+        print(f"epoch {epoch + 1} of {EPOCHS}: Dice {found:.3f} of the validation split", flush=True)
+        net.train()
     return net.eval()
 
 
@@ -102,21 +111,41 @@ def dice(net, data, split):
     return 2 * both / (ours + true)
 
 
-def main(samples, folder):
-    torch.set_num_threads(2)
+@torch.no_grad()
+def draw(net, data, path, columns=4):
+    """Images of the test split, from few pixels of needle to most; below, the needle; below that, what was found."""
+    from PIL import Image
+
+    image, shaft = map(torch.cat, zip(*batches(data, "test"), strict=True))
+    area = shaft.sum((1, 2))
+    chosen = area.argsort()[torch.linspace(int((area == 0).sum()), len(area) - 1, columns + 1).long()[1:]]
+    grey = ((image[chosen, 0] + 0.3) * 255).round().byte().numpy()
+    rows = [np.repeat(grey[..., None], 3, axis=-1) for _ in range(3)]
+    rows[1][shaft[chosen].numpy() > 0] = (255, 150, 30)
+    rows[2][(net(image[chosen]) > 0).numpy()] = (60, 190, 255)
+    beside = ((0, 0), (0, 4), (0, 4), (0, 0))
+    seen = grey.any(axis=(0, 1))  # beside the probe it is black
+    rows = [np.concatenate(list(np.pad(row[:, :, seen], beside)), axis=1) for row in rows]
+    Image.fromarray(np.concatenate(rows)).save(path)
+
+
+def main(samples, folder, picture=None):
+    torch.set_num_threads(CORES)
     make_dataset(Specification.parse(TEXT.format(samples=samples)), folder)
     data = DataSet(folder)
-    began = time.perf_counter()
+    began, busy = time.perf_counter(), time.process_time()
     net = trained(data)
-    seconds = time.perf_counter() - began
+    seconds, passed = time.process_time() - busy, time.perf_counter() - began
     found = dice(net, data, "test")
     print(f"{samples:,} samples, {data.manifest['splits']}, {sum(p.numel() for p in net.parameters()):,} weights")
-    print(f"training {seconds:6.0f} s     at most {MOST_S:.0f}")
+    print(f"training {seconds:6.0f} s     at most {CORES * MOST_S:.0f} of processors' time; {passed:.0f} s passed")
     print(f"Dice     {found:6.3f}       at least {LEAST}   (train {dice(net, data, 'train'):.3f})")
-    return found < LEAST or seconds > MOST_S
+    if picture:
+        draw(net, data, picture)
+    return found < LEAST or seconds > CORES * MOST_S
 
 
 if __name__ == "__main__":
     asked = int(sys.argv[1]) if sys.argv[1:] else 5000
     with tempfile.TemporaryDirectory() as folder:
-        sys.exit(main(asked, sys.argv[2] if sys.argv[2:] else folder))
+        sys.exit(main(asked, *(sys.argv[2:] or [folder])))
