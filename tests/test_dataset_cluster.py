@@ -15,7 +15,7 @@ import pytest
 from builds import needs_core
 from small_datasets import SMALL, small
 from sonospline.dataset import DataSet, make_dataset
-from sonospline.dataset.cluster import _check_scheduler, made_by_workers, made_on
+from sonospline.dataset.cluster import _check_scheduler, cluster, made_by_workers, made_on
 from sonospline.dataset.provenance import provenance
 from sonospline.dataset.shard import Receipt, WorkerError, check_worker
 
@@ -51,6 +51,17 @@ def test_workers_of_another_kind_are_refused(worker, said):
     with pytest.raises(WorkerError, match=said) as refused:
         made_on(client_with(None, {"tcp://b": theirs}))
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.slow
+def test_processes_of_this_machine_compute_with_one_thread_and_look_after_themselves_seldom():
+    config = pytest.importorskip("dask").config
+    before = config.get("distributed.admin.tick.interval")
+    with cluster(1, None, lambda text: None) as client:
+        look = "distributed.worker.profile.enabled", "distributed.admin.tick.interval"
+        (found,) = client.run(lambda: (*map(config.get, look), os.environ["ZARR_THREADING__MAX_WORKERS"])).values()
+    assert found == (False, "500ms", "1")
+    assert config.get("distributed.admin.tick.interval") == before
 
 
 def test_one_worker_of_another_instruction_set_is_refused():

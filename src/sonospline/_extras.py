@@ -16,6 +16,7 @@ PROVIDES = {
     "pyamg": "fem",
     "pypardiso": "direct",
     "pymoo": "tune",
+    "dask": "data",
     "distributed": "data",
     "zarr": "data",
     "fsspec": "data",

@@ -18,7 +18,14 @@ WORKERS_S = 60.0
 """Workers come within that."""
 _KILLED = 8
 """Times that the workers of one shard may be killed."""
-_ENVIRONMENT = dict.fromkeys(("SONOSPLINE_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+_ONE_THREAD = ("SONOSPLINE_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ZARR_THREADING__MAX_WORKERS")
+_ENVIRONMENT = dict.fromkeys(_ONE_THREAD, "1")
+_LEAN = {
+    "distributed.admin.tick.interval": "500ms", "distributed.admin.system-monitor.interval": "5s",
+    "distributed.admin.system-monitor.log-length": 720, "distributed.admin.log-length": 100,
+    "distributed.admin.low-level-log-length": 100, "distributed.worker.profile.enabled": False,
+}  # fmt: skip
+"""Of a cluster of this machine: looking after itself 50 times a second costs a tenth of a core, its logs megabytes."""
 
 
 @contextmanager
@@ -38,6 +45,7 @@ def cluster(workers: int, scheduler: str | None, say: Callable[[str], None]) -> 
     if scheduler is None:
         with (
             _unsaid(),
+            require("dask").config.set(_LEAN),
             distributed.LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, env=_ENVIRONMENT, silence_logs=50,
                 dashboard_address=":0",
