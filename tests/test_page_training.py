@@ -148,6 +148,10 @@ def test_a_debrief_replays_every_picture_to_the_bit(drive):
     driver.until("!document.querySelector('.marks .target .line').getAttribute('d')")
     page.get_by_role("button", name="Blind advance", exact=True).click()
     assert "out of plane by more than half the slice" in page.locator(".about").inner_text()
+    page.get_by_label("A comment on this moment").fill("Sweep first")
+    page.get_by_role("button", name="Comment at").click()
+    driver.until("document.querySelectorAll('.path-views .comments li').length === 1")
+    assert "Sweep first" in page.locator(".happened").inner_text()
     with page.expect_download() as download:
         page.get_by_role("button", name="CSV").click()
     table = Path(download.value.path()).read_text()
@@ -194,8 +198,13 @@ def test_every_layout_has_room_for_it(drive, layout):
     driver.hold("ArrowDown", "link.shown > 6")
     driver.page.get_by_role("button", name="on target").click()
     driver.until(f"{PHASE} === 'debrief' && document.querySelectorAll('.happened button').length > 1")
+    if layout != "desktop":
+        driver.page.locator(".debrief-tabs").get_by_role("radio", name="Path").click()
+    driver.page.get_by_label("A comment on this moment").fill("Sweep first, then push")
+    driver.page.get_by_role("button", name="Comment at").click()
+    driver.until("document.querySelectorAll('.path-views .comments li').length === 1")
     assert driver.evaluate(CLIPPED) == []
-    for button in ("Same start", "New start", "CSV", "Next exercise", "Play"):
+    for button in ("Comment at", "Same start", "New start", "CSV", "Next exercise", "Play"):
         box = driver.page.get_by_role("button", name=button).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= SIZES[layout][0], button
         assert not touch or layout == "phone" or box["height"] >= 43.5, button

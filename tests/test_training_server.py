@@ -32,6 +32,7 @@ final_error_mm = {most = 3.0}
 passes = {most = 1}
 """
 )
+COMMENTS = [{"time_s": 0.5, "text": "Sweep first."}, {"time_s": 2.0, "text": "Slower."}]
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +147,7 @@ def test_an_attempt_ends_in_a_debrief_that_the_recording_bears_out(served, train
     debrief = trainee.heard("debrief")
     assert debrief["ended"] == "on target" and debrief["problem"] == ""
     assert [one["kind"] for one in debrief["happened"]][-1] == "end"
-    newest = max(served[1].iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    newest = max(served[1].glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
     recording = Recording.read(newest)
     assert (recording.whole, recording.header["seed"], len(recording.steps)) == (True, "7", debrief["steps"])
     from_file = measure(recording.trace(), Exercise.parse(BLIND).task)
@@ -191,10 +192,15 @@ def test_a_page_that_comes_back_goes_on_where_it_was(served):
         assert again.come(depth=18.0)["pass"]["passes"] == 1
         again.send(type="on_target")
         first = again.heard("debrief")
+        for time_s, text in ((2.0, "Slower."), (0.5, " Sweep first. "), (1.0, "  ")):
+            again.send(type="add_comment", time_s=time_s, text=text)
+        assert again.heard("comments", lambda said: len(said["comments"]) == 2)["comments"] == COMMENTS
+        assert "give 1 to 500" in again.heard("refused")["message"]
     with Trainee(running, f"/live?session={page.hello['session']}") as third:
         third.said = []
         assert third.heard("scene")["attempt"]["seed"] == 3
         assert third.heard("debrief") == first
+        assert third.heard("comments")["comments"] == COMMENTS, "kept beside the recording"
 
 
 def test_a_full_disk_is_said_at_once_and_the_attempt_goes_on(served, trainee, monkeypatch):

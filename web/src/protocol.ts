@@ -5,7 +5,7 @@ import type { Signal } from "./signal";
 import type { ThumbHeader } from "./trainer.gen";
 
 export type {
-  ColourPlace, Command, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
+  ColourPlace, Command, Comment, Course, Debrief, Exercises, ExpertBand, FrameHeader, Happened, Hello, ImageSettings, Loading, LoggedEvent, MeasuredMetric, MeshHeader, NeedleCommand, NeedlePlace, Notice, OfferedExercise, OfferedMark, OfferedModel,
   ProbeOutline, Readouts, Refused, RunningAttempt, StationMessage, TargetPlace,
   SceneKnob as Knob, SceneMessage as Scene, SkinDirections, TissueSettings,
 } from "./protocol.gen";

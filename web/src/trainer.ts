@@ -1,6 +1,6 @@
 /** Exercises on the page: which there are, what is read before, what runs, and what came of it. */
 
-import type { Debrief, OfferedExercise, RunningAttempt, ServerText, StationMessage } from "./protocol";
+import type { Comment, Debrief, OfferedExercise, RunningAttempt, ServerText, StationMessage } from "./protocol";
 import type { Session } from "./session";
 import { Signal } from "./signal";
 
@@ -16,6 +16,9 @@ export class Trainer {
   /** Attempts that have begun on this page, by exercise. */
   private readonly counts = new Map<string, number>();
   readonly changed = new Signal<Phase>();
+  /** On the attempt that is talked about: in a lab its trainer's, else those kept beside the recording. */
+  comments: readonly Comment[] = [];
+  readonly commented = new Signal<readonly Comment[]>();
   /** Something of the station has changed. */
   readonly stationed = new Signal<StationMessage>();
   /** Something was loading and does not come. */
@@ -27,6 +30,7 @@ export class Trainer {
       if (attempt && !session.resumed) this.counts.set(attempt.exercise.id, this.count(attempt.exercise.id) + 1);
       this.briefed = this.debrief = null;
       this.waiting = false;
+      if (!this.station) this.take([]);
       this.changed.emit(this.phase);
     });
     session.refused.on(({ what }) => {
@@ -99,6 +103,11 @@ export class Trainer {
     session.held = on;
   }
 
+  private take(comments: readonly Comment[]): void {
+    this.comments = comments;
+    this.commented.emit(comments);
+  }
+
   private hear(message: ServerText): void {
     if (message.type === "exercises") {
       this.offered = message.offered;
@@ -108,10 +117,12 @@ export class Trainer {
     if (message.type === "station") {
       const before = this.station?.exercise ?? null;
       this.station = message;
+      this.take(message.comments);
       this.hold(message.hands_locked);
       this.stationed.emit(message);
       if (message.exercise !== before && this.follow()) this.changed.emit(this.phase);
     }
+    if (message.type === "comments") this.take(message.comments);
     if (message.type === "debrief") {
       this.session.reviewing = true;
       this.debrief = message;

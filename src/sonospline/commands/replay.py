@@ -11,6 +11,7 @@ from ..io.staging import staged_folder
 from ..simulator.scene_file import SceneFile
 from ..simulator.scene_maker import make_scene
 from ..simulator.shipped import SHIPPED
+from ..training.comments import read_comments
 from ..training.metric import METRICS, measure
 from ..training.recording import Recording
 from ..training.replay import replay, unlike
@@ -43,11 +44,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Do the verb; return its report."""
     if args.no_frames and args.scene:
         raise ValueError("--scene and --no-frames were both given; without frames no scene is needed")
-    recording = Recording.read(args.recording)
+    recording, comments = Recording.read(args.recording), read_comments(args.recording)
     report: dict[str, Any] = {
         "recording": args.recording.name, "scene": recording.header["scene"], "steps": len(recording.steps),
         "seconds": recording.seconds, "whole": recording.whole, "version": recording.header["version"],
         "metrics": _metrics(recording),
+        "comments": [{"time_s": one.time_s, "text": one.text} for one in comments],
     }  # fmt: skip
     cine: list[Any] = []
     if not args.no_frames:
@@ -76,6 +78,7 @@ def describe(report: dict[str, Any], args: argparse.Namespace) -> str:
     for name, value in report["metrics"].items():
         if value is not None:
             lines.append(f"  {name:34} {value:10.4g} {METRICS[name].unit}")
+    lines += [f"comment       {one['time_s']:.1f} s: {one['text']}" for one in report["comments"]]
     if "files" in report:
         lines.append(f"files         {', '.join(report['files'])} in {args.out}")
     return "\n".join(lines)

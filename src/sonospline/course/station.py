@@ -117,6 +117,8 @@ class Station(Seat):
                 return f"is not what the trainer has set; begin {self._title(self.exercise_set)}"
             case heard.ChooseScene() | heard.OpenScene() if self.exercise_set is not None:
                 return f"is not what the trainer has set; begin {self._title(self.exercise_set)}"
+            case heard.AddComment():
+                return "is for the trainer of the lab"
             case heard.ChooseModel() if self.models_locked:
                 return "is locked by the trainer"
         return None

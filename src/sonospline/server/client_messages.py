@@ -11,6 +11,7 @@ from .._shown import shown
 from ..io.records import FieldError, Record, Text, about, read
 from ..simulator.command import Command, ImageSettings, NeedleCommand, ProbeCommand
 from ..simulator.tissue_settings import TissueSettings
+from ..training.comments import LONGEST_COMMENT
 
 LONGEST = 64 * 1024
 MOST_SEQ = 2**53
@@ -120,6 +121,13 @@ class ShowStep(ClientMessage, frozen=True, kw_only=True):
     step: Annotated[int, about("its place in the recording", low=0, high=MOST_SEQ)]
 
 
+class AddComment(ClientMessage, frozen=True, kw_only=True):
+    """In a debrief: keep what is said of a moment beside the recording."""
+
+    time_s: Annotated[float, about("since the attempt began, s", low=0, high=1e6)]
+    text: Annotated[str, about("what is to be said", longest=LONGEST_COMMENT)]
+
+
 class SitDown(ClientMessage, frozen=True, kw_only=True):
     """At a station of a lab: who sits there from now on."""
 
@@ -139,7 +147,7 @@ class Ping(ClientMessage, frozen=True, kw_only=True):
 
 Message = (
     CommandMessage | Drawn | ChooseModel | ChooseScene | OpenScene | ChooseTarget | UndoPass | Reset | Restore | View
-    | ListExercises | BeginAttempt | OnTarget | GiveUp | ShowStep | SitDown | Ping
+    | ListExercises | BeginAttempt | OnTarget | GiveUp | ShowStep | AddComment | SitDown | Ping
 )  # fmt: skip
 
 KINDS: dict[str, type[Any]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}

@@ -136,6 +136,10 @@ class Connection(Speaker):
                 if self._review is None:
                     raise MessageError("show_step", "came while nothing is replayed; end an attempt first")
                 self._review.show(message.step)
+            case heard.AddComment():
+                if self._review is None:
+                    raise MessageError("add_comment", "came while no attempt is talked about; end one first")
+                self._review.comment(message.time_s, message.text)
             case heard.SitDown():
                 self.seat.sit_down(message.participant)
             case heard.ChooseScene():

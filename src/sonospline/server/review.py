@@ -8,9 +8,11 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from ..training.comments import Comment as KeptComment
+from ..training.comments import add_comment, read_comments
 from .scene_catalog import SceneCatalog
 from .sender import Sender
-from .server_messages import Refused
+from .server_messages import Comment, Comments, Refused
 from .wire import ReplayedStep
 from .worker import Worker
 
@@ -56,6 +58,11 @@ class Review:
         if not self._ended:
             self._worker.submit(self._show)
 
+    def comment(self, time_s: float, text: str) -> None:
+        """Keep what is said of a moment beside the recording, and tell the page."""
+        if not self._ended:
+            self._worker.submit(self._comment, time_s, text)
+
     async def end(self) -> None:
         """Show nothing any more."""
         self._ended = True
@@ -71,6 +78,7 @@ class Review:
             player, problem = await self._in_worker(lambda: player_of(self._attempt))
             self._player = player
             self._sender.say(await self._in_worker(lambda: debrief_of(self._attempt, player, problem)))
+            self._tell(await self._in_worker(lambda: read_comments(self._attempt.recording.path)))
             self.show(len(self._attempt.commands) - 1)
             self._worker.submit(self._make_ahead, 0)
             geometry = await asyncio.wrap_future(self._catalog.geometry(live.console, lambda: not self._ended))
@@ -78,6 +86,16 @@ class Review:
         except Exception as error:  # the page says so, and can begin again
             logger.exception("a debrief could not be made")
             self._sender.report(f"the debrief could not be made: {error}")
+
+    def _comment(self, time_s: float, text: str) -> None:
+        try:
+            self._sender.call(self._tell, add_comment(self._attempt.recording.path, time_s, text))
+        except (ValueError, OSError) as error:
+            self._sender.say_from_thread(Refused(what="add_comment", message=f"is not kept: {error}"))
+
+    def _tell(self, comments: tuple[KeptComment, ...]) -> None:
+        if comments:
+            self._sender.say(Comments(comments=tuple(Comment(time_s=one.time_s, text=one.text) for one in comments)))
 
     async def _in_worker(self, job: Callable[[], Any]) -> Any:
         return await asyncio.wrap_future(self._worker.submit(job))

@@ -331,6 +331,12 @@ class Comment(Struct, frozen=True, kw_only=True):
     text: str
 
 
+class Comments(ServerMessage, frozen=True, kw_only=True):
+    """Those kept beside the recording of the attempt that is talked about, in the order of their times."""
+
+    comments: tuple[Comment, ...]
+
+
 class StationMessage(ServerMessage, frozen=True, kw_only=True, tag="station"):
     """In a lab: which station this is, who sits there, and what the trainer has set."""
 
@@ -349,8 +355,8 @@ class StationMessage(ServerMessage, frozen=True, kw_only=True, tag="station"):
 
 
 Said = (
-    Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Exercises | Debrief | StationMessage | Refused
-    | Notice | Pong
+    Hello | Loading | SceneMessage | ModelMessage | TargetMessage | Exercises | Debrief | Comments | StationMessage
+    | Refused | Notice | Pong
 )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 /** Where the tip went, seen from three sides: with the target, the structures, and the needle at the chosen moment. */
 
-import { h } from "../dom";
+import { h, write } from "../dom";
 import { clock } from "../metrics";
 import type { Course, Geometry, MeshData, Scene } from "../protocol";
 import type { Reel } from "../reel";
@@ -27,6 +27,9 @@ export class PathViews {
   private readonly canvases = VIEWS.map(({ name }) => h("canvas", { role: "img", "aria-label": `Path of the tip, ${name.toLowerCase()}` }));
   private readonly story = h("ul", { class: "story" });
   private readonly comments = h("ul", { class: "comments", "aria-label": "The trainer's comments" });
+  private readonly line = h("input", { class: "field-of", maxlength: 500, autocomplete: "off", "aria-label": "A comment on this moment", placeholder: "What a teacher says of it" });
+  /** In a lab its trainer comments, on a page of his own. */
+  private readonly remark = h("form", { class: "remark" }, this.line, h("button", { type: "submit", class: "button" }, "Comment"));
   readonly element = h(
     "section",
     { class: "path-views", "aria-labelledby": "path-title" },
@@ -34,6 +37,7 @@ export class PathViews {
     h("div", { class: "views" }, ...this.canvases.map((canvas, k) => h("figure", {}, canvas, h("figcaption", {}, VIEWS[k].name)))),
     this.story,
     this.comments,
+    this.remark,
   );
   private shapes: Shape[] = [];
   private geometry: Geometry | null = null;
@@ -54,7 +58,18 @@ export class PathViews {
     });
     new ResizeObserver(() => this.draw()).observe(this.element);
     reel.moved.on(() => this.draw());
-    trainer.stationed.on(({ comments }) => {
+    const refresh = () => write(this.remark.lastElementChild as HTMLElement, `Comment at ${clock(reel.now)}`);
+    reel.moved.on(refresh);
+    trainer.changed.on(refresh);
+    trainer.stationed.on(() => (this.remark.hidden = true));
+    this.remark.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const text = this.line.value.trim();
+      if (!text) return this.line.focus();
+      trainer.session.say({ type: "add_comment", time_s: reel.now, text });
+      this.line.value = "";
+    });
+    trainer.commented.on((comments) => {
       this.comments.replaceChildren(
         ...comments.map(({ time_s, text }) => h("li", {}, h("button", { type: "button", onclick: () => reel.seek(time_s) }, clock(time_s)), ` ${text}`)),
       );

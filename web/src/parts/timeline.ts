@@ -56,7 +56,7 @@ export class Timeline {
     }).observe(this.field);
     radioKeys(this.element, () => this.tabs, (k) => this.turn(k ? "depth" : "time"));
     trainer.changed.on(() => this.draw());
-    trainer.stationed.on(() => this.draw());
+    trainer.commented.on(() => this.draw());
     reel.moved.on(() => this.place());
     const to = (event: PointerEvent) => {
       const box = this.field.getBoundingClientRect();
@@ -177,7 +177,7 @@ export class Timeline {
 
   /** What happened and what the trainer says of it, in the order of their times. */
   private marked(happened: readonly Happened[]): Mark[] {
-    const said = (this.trainer.station?.comments ?? []).map(({ time_s, text }) => ({ time_s, kind: "comment" as const, text: `“${text}”` }));
+    const said = this.trainer.comments.map(({ time_s, text }) => ({ time_s, kind: "comment" as const, text: `“${text}”` }));
     return [...happened, ...said].sort((a, b) => a.time_s - b.time_s);
   }
 
