@@ -10,7 +10,7 @@ from ..training.attempt import Attempt
 from ..training.attempt_recording import AttemptRecording
 from ..training.exercise import Exercise
 from ..training.guide import Guide
-from .practice import PassMeter
+from ..training.pass_meter import PassMeter
 from .wire import PassSummary
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Which positions of meshes a page is sent: those of tissue that moved since the last ones, and not too often."""
+"""Which positions of meshes a viewer is given: those of tissue that moved since the last ones, and not too often."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class MeshFlow:
-    """Positions for one page.
+    """Positions for one viewer, a page for one.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ class MeshFlow:
         self._at = -1.0
 
     def begin(self, console: Console) -> None:
-        """Go on with a console's frames; the page has no meshes of it yet."""
+        """Go on with a console's frames; it has no meshes of it yet."""
         self._shown, self._sent, self._at = None, console.session.rest, -1.0
 
     def show(self, scene: Scene) -> None:
-        """Have positions sent from now on: the page knows the meshes."""
+        """Have positions sent from now on: it knows the meshes."""
         self._shown = scene
 
     def positions(self, scene: Scene, shown: ConsoleFrame) -> NDArray[np.float32] | None:
