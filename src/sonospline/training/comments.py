@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ..io.records import FieldError, Record, about, read
-from ..io.writing import write_json
 
 LONGEST_COMMENT = 500
 _MOST = 200
@@ -60,6 +59,8 @@ def add_comment(recording: Path, time_s: float, text: str) -> tuple[Comment, ...
     OSError
         It cannot be written: what was there stays.
     """
+    from ..io.writing import write_json  # a server listens before readers of volumes are loaded
+
     text = text.strip()
     if not 0 < len(text) <= LONGEST_COMMENT:
         raise ValueError(f"comment has {len(text)} letters; give 1 to {LONGEST_COMMENT}")
