@@ -59,8 +59,9 @@ def test_processes_of_this_machine_compute_with_one_thread_and_look_after_themse
     before = config.get("distributed.admin.tick.interval")
     with cluster(1, None, lambda text: None) as client:
         look = "distributed.worker.profile.enabled", "distributed.admin.tick.interval"
-        (found,) = client.run(lambda: (*map(config.get, look), os.environ["ZARR_THREADING__MAX_WORKERS"])).values()
-    assert found == (False, "500ms", "1")
+        names = "ZARR_THREADING__MAX_WORKERS", "MALLOC_TRIM_THRESHOLD_"
+        (found,) = client.run(lambda: (*map(config.get, look), *map(os.environ.get, names))).values()
+    assert found == (False, "500ms", "1", os.environ.get("MALLOC_TRIM_THRESHOLD_"))
     assert config.get("distributed.admin.tick.interval") == before
 
 
