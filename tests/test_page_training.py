@@ -208,6 +208,8 @@ def test_every_layout_has_room_for_it(drive, layout):
         box = driver.page.get_by_role("button", name=button).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= SIZES[layout][0], button
         assert not touch or layout == "phone" or box["height"] >= 43.5, button
+    calliper, player = (driver.page.locator(part).bounding_box() for part in (".measuring", ".player"))
+    assert layout == "phone" or calliper["y"] + calliper["height"] <= player["y"], "the calliper lies over the player"
     driver.picture(f"debrief-{layout}")
 
 
