@@ -36,7 +36,7 @@ def test_names_that_clients_choose_are_bounded_and_a_refused_pose_owns_nothing()
         with pytest.raises(ValueError, match="known already"):
             tracking.take("ProbeToReference", turned(4), source=sender)
     np.testing.assert_allclose(tracking.moving.get("ProbeToTracker"), turned(2), atol=1e-12)
-    assert tracking.face() is not None
+    np.testing.assert_allclose(tracking.face(), np.linalg.inv(turned(3)) @ turned(2), atol=1e-9)
     with pytest.raises(ValueError, match="one transform more than the 64"):
         tracking.take("NeedleToElsewhere", turned(5), source="rude")
     now.now += 2.5  # its own are old: it may have others instead of them
