@@ -60,6 +60,21 @@ def test_a_needle_that_slides_all_along_meets_its_friction_and_cuts():
     assert 55 < track.cut < 60  # the tissue ahead has gone with it
 
 
+def test_all_of_the_shaft_that_is_in_the_cut_rubs():
+    """What the tip comes past within a step does so at its end, in a fresh cut and in one that it comes back into."""
+    for response in driven(made(reuse=1.0), way(0, 40, 22, 38, step=2.0), dt=0.1):
+        track = dict(response.state.tracks)["needle"]
+        if track.sliding.any() and (track.axial >= 0).all():
+            assert track.axial.sum() / 30.0 == pytest.approx(track.lengths.sum(), abs=0.3)
+
+
+def test_a_tip_that_cuts_on_in_tissue_that_relaxes_does_so_with_all_of_its_force():
+    """It cuts no further within a step than the tissue's own answer lets it, and so is not pushed back."""
+    model = made(replace(GEL, relaxation_exponent=0.3), relaxation="tissue")
+    for response in driven(model, np.arange(6, 50, 6), dt=0.1)[2:]:
+        assert dict(response.state.tracks)["needle"].tip == pytest.approx(700.0)
+
+
 def test_pulled_back_a_little_the_tissue_goes_with_the_needle():
     model = made()
     inside = driven(model, way(0, 50))

@@ -38,11 +38,6 @@ class Motion(NamedTuple):
         poses = [_between(self.last, self.needle, part / count) for part in range(count + 1)]
         return [Motion(begin, end, self.speed) for begin, end in itertools.pairwise(poses)]
 
-    @property
-    def resting(self) -> Motion:
-        """The needle where the motion ends, and as fast."""
-        return self._replace(last=self.needle)
-
 
 class Answer(NamedTuple):
     """How tissue answers to the forces of a track: by w0 to f0, and by a share of its compliance to their change."""

@@ -6,7 +6,8 @@ Along the needle, with w the displacement of a point, T where the needle would h
 
 and at the tip f in [0, R]: below R it holds the tissue ahead, at R it cuts. T moves with the needle; where a point
 slips, the place of the needle that it is bound to moves. The bond b is small.
-Solved by projected Gauss-Seidel: Coulomb's law as complementarity.
+Solved by projected Gauss-Seidel: Coulomb's law as complementarity. How much of the shaft a point stands for changes
+with where it is: what the tip has newly come past slides along it, and forces are found anew until all of it rubs.
 """
 
 from __future__ import annotations
@@ -42,6 +43,10 @@ _NOTHING = 1e-9
 """mm per mN: tissue beyond a wall that does not move gives way by so much."""
 _ENDS = 2e-3
 """Of the distance between points: by less a tip that could cut on does not."""
+_GROWN = 0.01
+"""Of the friction of a point all along the shaft: by less than that it has come to stand for more of it."""
+_FORWARD = 1e-9
+"""mN, and the direction of friction where the tip has just come by."""
 _MOST_CUTS = 400
 _PART = 0.25
 """Of the distance between points, that a needle goes at most before friction and cut are found anew."""
@@ -109,7 +114,9 @@ class Push:
             limit, membrane = self.limit(track)
             track, ahead = self._balanced(track, needle, limit, answer)
             if track.tip < limit or ahead > -_ENDS * track.apart:
-                break
+                if self._is_whole(track):
+                    break
+                continue
             if membrane is not None:
                 events.append(self._through(membrane, limit))
                 track = track.changed(broken=track.broken + 1)
@@ -131,6 +138,8 @@ class Push:
     def _balanced(self, track: Track, needle: Needle, limit: float, answer: Answer) -> tuple[Track, float]:
         """The forces of a pose, anchors of what slips, and how far tissue is ahead of the tip; behind where it cuts."""
         axis, bounds = needle.direction, self.bounds(track)
+        new = _new(track, bounds)
+        track = track.changed(sliding=track.sliding | new, axial=np.where(new, _FORWARD, track.axial))
         behind = (needle.tip - track.places - answer.to(track, needle)) @ axis
         along = track.compliance_along(axis)
         axial, anchors, tip, ahead = _core.active.stick_slip(
@@ -140,6 +149,12 @@ class Push:
         used = track.used | ((anchors < -track.apart / 2) & (track.along < track.cut))
         slides = (np.abs(axial) >= bounds) & (bounds > 0)
         return track.changed(axial=axial, tip=tip, anchors=anchors, sliding=slides, used=used), ahead
+
+    def _is_whole(self, track: Track) -> bool:
+        """Whether points that slide rub along all of the shaft that they stand for."""
+        bounds = self.bounds(track)
+        lacks = bounds - np.abs(track.axial) > _GROWN * track.apart * track.resistance[0]
+        return not (lacks & (track.sliding | _new(track, bounds))).any()
 
     def _on_what_is(self, track: Track, moved: Array) -> Track:
         """A track whose sliding points are where the tissue is, which the step before had only predicted."""
@@ -179,6 +194,12 @@ class Push:
 def _bond(along: Array) -> Array:
     """By how much a force moves a point (m + 1,) along the shaft that it sticks to; the end of the cut last."""
     return np.append(_BOND * along.diagonal(), 0.0) + _NOTHING
+
+
+def _new(track: Track, bounds: Array) -> NDArray[np.bool_]:
+    """Which points (m,) the tip has come past that it had not reached before."""
+    new: NDArray[np.bool_] = (bounds > 0) & (track.axial == 0) & ~track.sliding
+    return new
 
 
 def _grown(track: Track, bounds: Array) -> Track:

@@ -97,6 +97,14 @@ class Track(ByBits):
                 value.setflags(write=False)
         return made
 
+    def back_to(self, before: Track) -> Track:
+        """Return the track as it was before a step, at the points that it has had since."""
+        names = ("axial", "lateral", "offsets", "sliding", "used", "held")
+        old, new = vars(before), vars(self)
+        restored = {name: np.concatenate([old[name], np.zeros_like(new[name][len(before) :])]) for name in names}
+        anchors = np.append(before.anchors, self.anchors[len(before) :])
+        return self.changed(anchors=anchors, tip=before.tip, cut=before.cut, broken=before.broken, **restored)
+
     @cached_property
     def along(self) -> Array:
         """Length of the track at each point."""

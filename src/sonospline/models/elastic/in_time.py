@@ -47,6 +47,14 @@ class Pushed(NamedTuple):
     """Of the field, relative, because its forces are not quite those of its own displacement."""
 
 
+class _Answered(NamedTuple):
+    """How tissue answers at the end of a step, as :class:`Answer` has it at the points of each track."""
+
+    moved: Single
+    forces: Mapping[str, Array]
+    share: float
+
+
 @dataclass(frozen=True)
 class NeedlesInTime:
     """Steps of needles that remember, in tissue that may.
@@ -91,28 +99,33 @@ class NeedlesInTime:
             events += more
         return Pushed(state, found, events, error)
 
-    def _step(self, state: RelaxingState, tracks: dict[str, Track], motions: Mapping[str, Motion], dt: float) -> Pushed:
-        """Move needles, let the tissue answer, and correct what the compliance along the tracks has predicted."""
+    def _step(self, state: RelaxingState, begun: dict[str, Track], motions: Mapping[str, Motion], dt: float) -> Pushed:
+        """Move needles, let the tissue answer, and correct what the compliance along the tracks has predicted.
+
+        What a needle has cut, and where it has slipped, stays so: where the prediction was wrong, the needles are moved
+        anew from where the step began.
+        """
         relaxes = dt > 0 and len(self.tissue.times_s) > 0
-        ahead = self.tissue.predicted(state, dt) if relaxes else state
-        share = self.tissue.jump(dt) if relaxes else 1.0
-        tracks, predicted, events = self._moved(
-            tracks, motions, state.solution.displacement, ahead.solution.displacement, share
-        )
+        before = state.solution.displacement
+        ahead = self.tissue.predicted(state, dt).solution.displacement if relaxes else before
         needles = {name: motion.needle for name, motion in motions.items()}
-        resting = {name: motion.resting for name, motion in motions.items()}
+        forces = {name: track.forces(motions[name].last) for name, track in begun.items()}
+        share = self.tissue.jump(dt) if relaxes else 1.0
+        tracks, predicted, events = self._moved(begun, motions, before, _Answered(ahead, forces, share))
         state = self._advanced(state, tracks, needles, dt, self.budget)
         taken = state.solution.iterations
         while True:
             now = state.solution.displacement
             error = max((self._missed(tracks[name], predicted[name], now) for name in needles), default=0.0)
             if error > self.tolerance:
-                again, predicted, more = self._moved(tracks, resting, now, now, 1.0)
+                forces = {name: track.forces(needles[name]) for name, track in tracks.items()}
+                anew = {name: track.back_to(begun[name]) for name, track in tracks.items()}
+                again, predicted, met = self._moved(anew, motions, before, _Answered(now, forces, 1.0))
                 error = max(_changed(tracks[name], again[name], needle) for name, needle in needles.items())
             if error <= self.tolerance or taken >= self.budget:
                 return Pushed(state, tracks, events, _believed(error))
             state = self._advanced(state, again, needles, 0.0, self.budget - taken)
-            tracks, events, taken = again, events + more, taken + state.solution.iterations
+            tracks, events, taken = again, met, taken + state.solution.iterations
 
     def _missed(self, track: Track, predicted: Array, now: Single) -> float:
         """How far points are from where friction was to bring them: forces found anew change no more than that."""
@@ -149,18 +162,17 @@ class NeedlesInTime:
         tracks: Mapping[str, Track],
         motions: Mapping[str, Motion],
         before: Single,
-        unchanged: Single,
-        share: float,
+        answered: _Answered,
     ) -> tuple[dict[str, Track], dict[str, Array], tuple[object, ...]]:
-        """Tracks after motions, from the displacement before, and that at the end if the forces stayed; where to."""
+        """Tracks after motions, from the displacement before and as the tissue answers at their end; where to."""
         found: dict[str, Track] = {}
         predicted: dict[str, Array] = {}
         events: list[object] = []
         for name, track in tracks.items():
             motion = motions[name]
             moved = self.medium.moved(before, track.places)
-            later = moved if unchanged is before else self.medium.moved(unchanged, track.places)
-            answer = Answer(later, track.forces(motion.last), share)
+            later = moved if answered.moved is before else self.medium.moved(answered.moved, track.places)
+            answer = Answer(later, answered.forces[name], answered.share)
             push = Push(self.medium, name, motion, before, self.grip)
             found[name], predicted[name], met = push.of(track, moved, answer)
             events += met
