@@ -13,6 +13,8 @@ namespace {
 
 constexpr std::size_t kCellsPerBlock = 512, kRowsPerBlock = 32;
 constexpr int kRaysPerBlock = 8, kLinesPerBlock = 8;
+constexpr std::size_t kLineApart = 32;   // floats between two lines: a power of two apart, they would share a part of the cache
+constexpr std::size_t kPieceFloats = 512;
 constexpr float kMostLossDb = 60;     // at one interface
 constexpr float kLossPerNeper = 20 / 2.302585093f;
 
@@ -21,13 +23,16 @@ std::size_t blocks_of(std::size_t items, std::size_t size) { return (items + siz
 }  // namespace
 
 BmodeRenderer::BmodeRenderer(const ProbeTables &probe)
-    : probe_(probe), stride_(2 * static_cast<std::size_t>(probe.beam.samples)) {
+    : probe_(probe), stride_(2 * static_cast<std::size_t>(probe.beam.samples) + kLineApart) {
     const std::size_t lines = static_cast<std::size_t>(probe.beam.lines);
     beams_.resize(lines * stride_ + kEchoSlack);
     transmitted_.resize(static_cast<std::size_t>(probe.rays) * probe.ray_samples);
-    const std::size_t taps = static_cast<std::size_t>(2 * probe.lateral_half + 1) * probe.beam.samples;
-    taps_.resize(2 * taps + kEchoSlack);
-    for (std::size_t i = 0; i < taps; ++i) taps_[2 * i] = taps_[2 * i + 1] = probe.lateral[i];
+    const std::size_t samples = static_cast<std::size_t>(probe.beam.samples);
+    for (int k = 0; k <= 2 * probe.lateral_half; ++k) {
+        const float *taps = probe.lateral + static_cast<std::size_t>(k) * samples;
+        for (std::size_t n = 0; n < samples; ++n) taps_.insert(taps_.end(), 2, taps[n]);
+        taps_.resize(taps_.size() + kLineApart);
+    }
     for (int n = 0; n < probe.beam.samples; n += kLateralRun / 2) {
         int reach = probe.lateral_half;
         const auto silent = [&](int k) {
@@ -75,7 +80,7 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
             strip(aim, in, number);
         } else if (phase == 2) {
             const int end = std::min(probe_.beam.lines, (number + 1) * kLinesPerBlock);
-            for (int l = number * kLinesPerBlock; l < end; ++l) line(in, out, l);
+            beams(in, out, number * kLinesPerBlock, end);
         } else {
             const std::size_t end = std::min(probe_.rows, (block + 1) * kRowsPerBlock);
             for (std::size_t row = block * kRowsPerBlock; row < end; ++row) {
@@ -158,13 +163,11 @@ void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
     const int first_line = number * kStripLines, samples = probe_.beam.samples;
     const std::size_t row = 2 * static_cast<std::size_t>(2 * samples + 2 * kBinPad);
     thread_local std::vector<float> grid, scratch, gain;
-    // one line on either side, and a row for what falls elsewhere with the one it spills into
-    grid.assign((kStripLines + 4) * row, 0.0f);
+    grid.assign((kStripLines + 2) * row, 0.0f);  // one line more on either side
     scratch.resize(4 * static_cast<std::size_t>(samples + kBinPad) + kEchoSlack);
     gain.resize(2 * static_cast<std::size_t>(samples));
-    Cells cells = aim.cells;
-    if (aim.surfaces.starts[cells.count] > 0) cells.amplitude = amplitude_.data();
-    kernels().echo->splat(probe_.beam, cells, polynomials_.data(), spans_.data(), first_line, grid.data(), row);
+    kernels().echo->splat(probe_.beam, aim.cells, aim.surfaces.starts, amplitude_.data(), polynomials_.data(), spans_.data(),
+                          first_line, grid.data(), row);
     for (std::size_t i = 0; i < in.echo_count; ++i) {
         const float *echo = in.echoes + 4 * i;
         const float whole_line = std::floor(echo[0]), whole_bin = std::floor(echo[1]);
@@ -186,23 +189,27 @@ void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
     }
 }
 
-void BmodeRenderer::line(const FrameInput &in, const FrameOutput &out, int number) const {
+void BmodeRenderer::beams(const FrameInput &in, const FrameOutput &out, int first, int last) const {
     const BmodeKernels &kernel = *kernels().bmode;
     const std::size_t samples = static_cast<std::size_t>(probe_.beam.samples);
-    const int count = 2 * probe_.lateral_half + 1;
-    std::vector<const float *> taps(count), lines(count);
-    for (int k = 0; k < count; ++k) {
-        const int l = number + k - probe_.lateral_half;
-        taps[k] = taps_.data() + static_cast<std::size_t>(k) * stride_;
-        lines[k] = l >= 0 && l < probe_.beam.lines ? beams_.data() + static_cast<std::size_t>(l) * stride_ : nullptr;
-    }
-    const std::size_t at = static_cast<std::size_t>(number) * samples;
-    float *iq = out.iq + 2 * at;
-    kernel.lateral(count, taps.data(), lines.data(), samples, reach_.data(), in.noise + 2 * at, in.noise_level, iq);
-    add_clutter(in.clutter, number, iq);
+    const int half = probe_.lateral_half;
+    // piece by piece of all lines: taps and neighbours stay in the first cache
+    for (std::size_t at = 0; at < 2 * samples; at += kPieceFloats)
+        for (int l = first; l < last; ++l) {
+            const std::size_t row = 2 * static_cast<std::size_t>(l) * samples;
+            kernel.lateral(std::min(half, l), std::min(half, probe_.beam.lines - 1 - l),
+                           taps_.data() + static_cast<std::size_t>(half) * stride_,
+                           beams_.data() + static_cast<std::size_t>(l) * stride_, static_cast<std::ptrdiff_t>(stride_), at,
+                           std::min(2 * samples, at + kPieceFloats), reach_.data(), in.noise + row, in.noise_level,
+                           out.iq + row);
+        }
     thread_local std::vector<float> scratch;
     scratch.resize(samples);
-    kernel.compress(iq, in.offset_db, in.range_db, samples, scratch.data(), out.grey + at);
+    for (int l = first; l < last; ++l) {
+        const std::size_t at = static_cast<std::size_t>(l) * samples;
+        add_clutter(in.clutter, l, out.iq + 2 * at);
+        kernel.compress(out.iq + 2 * at, in.offset_db, in.range_db, samples, scratch.data(), out.grey + at);
+    }
 }
 
 void BmodeRenderer::add_clutter(const Clutter &clutter, int number, float *iq) const {

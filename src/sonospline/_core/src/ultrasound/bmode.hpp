@@ -83,7 +83,7 @@ class BmodeRenderer {
     void trace(const Aim &, const FrameInput &, int first_ray, int last_ray);
     void strip(const Aim &, const FrameInput &, int number);
     void gain_of(const FrameInput &, int line, float *gain) const;
-    void line(const FrameInput &, const FrameOutput &, int number) const;
+    void beams(const FrameInput &, const FrameOutput &, int first, int last) const;
     void add_clutter(const Clutter &, int line, float *iq) const;
 
     const ProbeTables probe_;
@@ -93,7 +93,7 @@ class BmodeRenderer {
     std::vector<float> taps_;        // lateral taps, each twice: for real and imaginary parts
     std::vector<float> polynomials_;
     std::vector<LineSpan> spans_;
-    std::vector<std::int16_t> amplitude_;     // of scatterers, where surfaces turn
+    std::vector<std::int16_t> amplitude_;     // of scatterers on surfaces, as they have turned
     std::vector<int> reach_;         // taps on either side that count, by run of samples
     std::vector<std::int32_t> coarse_;        // (samples) coarse sample before each
     std::vector<float> beyond_;      // (samples) and how far beyond it

@@ -43,32 +43,31 @@ void axial(int half, const float *taps, const float *in, std::size_t samples, co
         split_pairs(in + 2 * i, a, b);
         store(even + i, a), store(odd + i, b);
     }
+    const float *of[2] = {(half & 1 ? odd : even) + 2 * kBinPad / 2, (half & 1 ? even : odd) + 2 * kBinPad / 2};
     for (std::size_t at = 0; at < 2 * samples; at += kRun * kWidth) {
-        VecF sum[2][kRun] = {};
-        for (int k = -half; k <= half; ++k) {
-            const std::ptrdiff_t whole = (k + kBinPad) / 2;
-            const float *from = (k & 1 ? odd : even) + at + 2 * whole, tap = taps[k + half];
-            VecF *to = sum[k & 1];
-            for (int i = 0; i < kRun; ++i) to[i] += tap * load(from + i * kWidth);
-        }
+        VecF sum[kRun] = {}, other[kRun] = {};  // of the first tap's half-samples, and of those between
+        const auto add = [&](VecF *to, const float *in, int k) {
+            const std::ptrdiff_t whole = k >= 0 ? k / 2 : -((1 - k) / 2);
+            for (int i = 0; i < kRun; ++i) to[i] += taps[k + half] * load(in + at + 2 * whole + i * kWidth);
+        };
+        for (int k = -half; k < half; k += 2) add(sum, of[0], k), add(other, of[1], k + 1);
+        add(sum, of[0], half);
         for (int i = 0; i < kRun; ++i) {
             const std::size_t to = at + static_cast<std::size_t>(i) * kWidth;
-            store(out + to, (sum[0][i] + sum[1][i]) * load(gain + to));
+            store(out + to, (sum[i] + other[i]) * load(gain + to));
         }
     }
 }
 
-void lateral(int count, const float *const *taps, const float *const *lines, std::size_t samples, const int *reach,
-             const float *noise, float noise_level, float *out) {
-    const int half = count / 2;
-    for (std::size_t at = 0; at < 2 * samples; at += kRun * kWidth) {
+void lateral(int below, int above, const float *taps, const float *line, std::ptrdiff_t stride, std::size_t from,
+             std::size_t end, const int *reach, const float *noise, float noise_level, float *out) {
+    for (std::size_t at = from; at < end; at += kRun * kWidth) {
         VecF sum[kRun];
         for (int i = 0; i < kRun; ++i) sum[i] = noise_level * load(noise + at + static_cast<std::size_t>(i) * kWidth);
         const int wide = reach[at / kLateralRun];
-        for (int k = half - wide; k <= half + wide; ++k) {
-            if (!lines[k]) continue;
-            const float *tap = taps[k] + at, *line = lines[k] + at;
-            for (int i = 0; i < kRun; ++i) sum[i] += load(tap + i * kWidth) * load(line + i * kWidth);
+        for (int k = -std::min(below, wide); k <= std::min(above, wide); ++k) {
+            const float *tap = taps + k * stride + at, *beside = line + k * stride + at;
+            for (int i = 0; i < kRun; ++i) sum[i] += load(tap + i * kWidth) * load(beside + i * kWidth);
         }
         for (int i = 0; i < kRun; ++i) store(out + at + static_cast<std::size_t>(i) * kWidth, sum[i]);
     }
@@ -77,8 +76,14 @@ void lateral(int count, const float *const *taps, const float *const *lines, std
 // --- what fills the black ---
 
 void widen(const float *low, const float *high, float of_high, const float *scale, std::size_t samples, float *out) {
-    for (std::size_t n = 0; n < samples; ++n)
-        for (std::size_t k = 2 * n; k < 2 * n + 2; ++k) out[k] += scale[n] * (low[k] + of_high * (high[k] - low[k]));
+    for (std::size_t n = 0; n < samples; n += kWidth) {
+        float scales[2 * kWidth];
+        store_pairs(scales, load(scale + n), load(scale + n));
+        for (std::size_t i = 0; i < 2 * kWidth; i += kWidth) {
+            const std::size_t k = 2 * n + i;
+            store(out + k, load(out + k) + load(scales + i) * (load(low + k) + of_high * (load(high + k) - load(low + k))));
+        }
+    }
 }
 
 inline float sum_of(VecF v) {
@@ -193,8 +198,7 @@ void compress(const float *in, const float *offset_db, float range_db, std::size
         m -= 1.0f;
         const VecF db = db_per_octave * (exponent + m * horner(m, kLog)) + load(offset_db + i);
         const VecF level = clamp((db + range_db) * scale, 0.0f, 255.0f) + 0.5f;
-        const VecU8 bytes = __builtin_convertvector(__builtin_convertvector(level, VecI), VecU8);
-        std::memcpy(grey + i, &bytes, sizeof bytes);
+        store_bytes(grey + i, __builtin_convertvector(level, VecI));
     }
 }
 
@@ -229,9 +233,7 @@ void picture(const std::uint8_t *grey, std::size_t samples, const std::int32_t *
         const VecI across = shares & 255, along = shares >> 8;
         const VecI a0 = a & 255, a1 = (a >> 8) & 255, b0 = (b >> 16) & 255, b1 = (b >> 24) & 255;
         const VecI here = 256 * a0 + along * (a1 - a0), beside = 256 * b0 + along * (b1 - b0);
-        const VecI level = ((256 * here + across * (beside - here) + 32768) >> 16) & seen;
-        const VecU8 bytes = __builtin_convertvector(level, VecU8);
-        std::memcpy(to + c, &bytes, sizeof bytes);
+        store_bytes(to + c, ((256 * here + across * (beside - here) + 32768) >> 16) & seen);
     }
 #endif
     for (; c < columns; ++c)

@@ -70,14 +70,14 @@ struct EchoKernels {
     /// Polynomials and line spans of cells [first, last) under displacements at the lattice's nodes
     void (*place)(const BeamGeometry &, const Cells &, const float *displacement, const float spacing[3],
                   std::size_t first, std::size_t last, float *polynomials, LineSpan *spans);
-    /// Amplitudes of cells [first, last) that touch a line; of their surfaces the displacement turns the normals (n' =
-    /// F^-T n)
+    /// Amplitudes of the scatterers on surfaces of cells [first, last) that touch a line: the displacement turns their
+    /// normals (n' = F^-T n)
     void (*reflect)(const BeamGeometry &, const Cells &, const Surfaces &, const float *polynomials, const LineSpan *spans,
                     std::size_t first, std::size_t last, std::int16_t *amplitude);
     /// Adds every scatterer to lines first_line - 1 to first_line + kStripLines of `strip`; row r of it holds
-    /// line first_line - 1 + r, one more row takes what falls elsewhere
-    void (*splat)(const BeamGeometry &, const Cells &, const float *polynomials, const LineSpan *spans, int first_line,
-                  float *strip, std::size_t row);
+    /// line first_line - 1 + r. Those on surfaces have their amplitudes in `turned`
+    void (*splat)(const BeamGeometry &, const Cells &, const std::int32_t *surface_starts, const std::int16_t *turned,
+                  const float *polynomials, const LineSpan *spans, int first_line, float *strip, std::size_t row);
 };
 
 struct BmodeKernels {
@@ -85,10 +85,10 @@ struct BmodeKernels {
     /// before range 0
     void (*axial)(int half, const float *taps, const float *in, std::size_t samples, const float *gain,
                   float *scratch, float *out);
-    /// out = sum_k taps[k] * lines[k], complex rows of `samples`; null lines count as 0. Of the taps, reach[j] on
-    /// either side of the middle count in the j-th run of kLateralRun floats
-    void (*lateral)(int count, const float *const *taps, const float *const *lines, std::size_t samples,
-                    const int *reach, const float *noise, float noise_level, float *out);
+    /// out[from, end) = noise + sum_k taps[k] * line[k] for k from -below to above: rows that lie `stride` floats apart,
+    /// of which the middle ones are given. Taps beyond reach[j] are 0 in the j-th run of kLateralRun floats
+    void (*lateral)(int below, int above, const float *taps, const float *line, std::ptrdiff_t stride, std::size_t from,
+                    std::size_t end, const int *reach, const float *noise, float noise_level, float *out);
     /// out (samples, 2) += scale times two rows of a wide beam, mixed
     void (*widen)(const float *low, const float *high, float of_high, const float *scale, std::size_t samples, float *out);
     /// out (samples, 2) += texture times an amplitude that the power before it feeds: of each run of kTailRun samples

@@ -97,6 +97,8 @@ void place(const BeamGeometry &beam, const Cells &cells, const float *displaceme
 
 // --- surfaces ---
 
+inline VecF in_cell(const std::uint16_t *place) { return load_u16(place) * (1.0f / 65536) + 0.5f / 65536; }
+
 // Squared elevation beyond which nothing in a cell is heard.
 float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *c) {
     float reach = std::fabs(frame.range - beam.focus_mm);
@@ -106,21 +108,18 @@ float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *
 
 void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfaces, const float *polynomials,
              const LineSpan *spans, std::size_t first, std::size_t last, std::int16_t *amplitude) {
-    const VecF step = splat(1.0f / 65536);
     const float to_units = 1 / cells.amplitude_step;
     for (std::size_t cell = first; cell < last; ++cell) {
         const std::int32_t from = surfaces.starts[cell], to = surfaces.starts[cell + 1];
-        if (spans[cell].last < spans[cell].first) continue;
-        std::copy(cells.amplitude + cells.starts[cell], cells.amplitude + cells.starts[cell + 1], amplitude + cells.starts[cell]);
-        if (from == to) continue;
+        if (from == to || spans[cell].last < spans[cell].first) continue;
         const float *c = polynomials + kPolynomialFloats * cell;
         const std::int32_t scatterer = cells.starts[cell + 1] - (to - from);
         const float cut = widest_cut(beam, cells.frames[cell], c);
         for (std::int32_t at = from; at < to; at += kWidth) {
             const std::int32_t own = scatterer + at - from;
-            const VecF u = (__builtin_convertvector(load_as<VecU16>(cells.u + own), VecF) + 0.5f) * step;
-            const VecF v = (__builtin_convertvector(load_as<VecU16>(cells.v + own), VecF) + 0.5f) * step;
-            const VecF w = (__builtin_convertvector(load_as<VecU16>(cells.w + own), VecF) + 0.5f) * step;
+            const VecF u = in_cell(cells.u + own);
+            const VecF v = in_cell(cells.v + own);
+            const VecF w = in_cell(cells.w + own);
             const VecF elevation = cells.frames[cell].elevation + ((c[29] * w + c[17]) * v + (c[21] * w + c[5])) * u +
                                    ((c[25] * w + c[9]) * v + (c[13] * w + c[1]));
             if (!bits_of(elevation * elevation < cut)) continue;  // all beside the slice
@@ -150,89 +149,20 @@ void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfa
             const VecF size = load(surfaces.specular + at) * half * half + load(surfaces.diffuse + at);
             const VecF level = clamp(size * to_units, -32767.0f, 32767.0f);
             const VecI whole = __builtin_convertvector((level + 12582912.0f) - 12582912.0f, VecI);
-            std::int32_t rounded[kWidth];
-            std::memcpy(rounded, &whole, sizeof whole);
-            for (int i = 0; i < std::min<int>(kWidth, to - at); ++i) amplitude[own + i] = static_cast<std::int16_t>(rounded[i]);
+            const VecI16 rounded = __builtin_convertvector(whole, VecI16);
+            std::memcpy(amplitude + own, &rounded, std::min<std::size_t>(kWidth, to - at) * sizeof *amplitude);
         }
     }
 }
 
 // --- echoes ---
 
-struct Echoes {
-    alignas(64) std::int32_t offset[kWidth];
-    alignas(64) float value[2 * kWidth], along[2 * kWidth];  // re, im; shares of the half-sample before and after
-    alignas(64) float across[kWidth];                        // share of the next line
-    unsigned heard;                                          // a bit each
+// Scatterers that are heard, side by side whichever cell they are of: every lane of what follows counts.
+struct Heard {
+    static constexpr int kEnough = 128, kMost = 2 * kEnough + kWidth;
+    alignas(64) float elevation[kMost] = {}, range[kMost] = {}, cycles[kMost] = {}, line[kMost] = {}, amplitude[kMost] = {};
+    int count = 0;
 };
-
-// a0 b0 a1 b1 ...
-inline void store_pairs(float *to, VecF a, VecF b) {
-#if defined(__AVX512F__)
-    store(to, __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23));
-    store(to + 16, __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31));
-#elif defined(__AVX2__)
-    store(to, __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11));
-    store(to + 8, __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15));
-#else
-    store(to, __builtin_shufflevector(a, b, 0, 4, 1, 5));
-    store(to + 4, __builtin_shufflevector(a, b, 2, 6, 3, 7));
-#endif
-}
-
-// How the beams lie within a cell: parallel, fanning out a little, or (near the apex) any way.
-enum class Fan { none, narrow, wide };
-
-template <Fan fan>
-inline void echoes_of(const BeamGeometry &beam, const CellFrame &frame, const float *c, float cut, const Cells &cells,
-                      std::size_t at, int first_line, std::int32_t row, Echoes &out) {
-    const VecF step = splat(1.0f / 65536);
-    const VecF u = (__builtin_convertvector(load_as<VecU16>(cells.u + at), VecF) + 0.5f) * step;
-    const VecF v = (__builtin_convertvector(load_as<VecU16>(cells.v + at), VecF) + 0.5f) * step;
-    const VecF w = (__builtin_convertvector(load_as<VecU16>(cells.w + at), VecF) + 0.5f) * step;
-    const auto place = [&](int a) {
-        return ((c[28 + a] * w + c[16 + a]) * v + (c[20 + a] * w + c[4 + a])) * u +
-               ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
-    };
-    const VecF elevation = place(1) + frame.elevation;
-    out.heard = bits_of(elevation * elevation < cut);
-    if (!out.heard) return;  // all beside the slice
-    VecF further = place(2), across = place(0);  // than the cell's corner
-    if constexpr (fan == Fan::narrow) {
-        const VecF q = across * reciprocal(further + frame.reach), squared = q * q;
-        further += across * q * horner(squared, kRootNarrow);
-        across = q * horner(squared, kAtanNarrow);
-    }
-    if constexpr (fan == Fan::wide) {
-        const VecF q = clamp(across / (further + frame.reach), -1.0f, 1.0f);
-        further += across * q / (1.0f + sqrt_of(1.0f + q * q));
-        across = q * horner(q * q, kAtan);
-    }
-    const VecF range = further + frame.range;
-    const VecF off_focus = range - beam.focus_mm;
-    const VecF inverse = reciprocal(beam.focus_variance + beam.spread_squared * off_focus * off_focus);
-    const VecF squared = 0.5f * elevation * elevation * inverse;
-    const VecF profile = exp_minus(squared < 4.5f ? squared : splat(4.5f)) - beam.cut_weight;
-    VecF amplitude = __builtin_convertvector(load_as<VecI16>(cells.amplitude + at), VecF) * cells.amplitude_step;
-    amplitude *= profile;
-
-    VecF cycles = further * beam.cycles_per_mm + frame.cycles;
-    cycles -= (cycles + 12582912.0f) - 12582912.0f;  // to the nearest whole number
-    const VecF x2 = cycles * cycles;
-    store_pairs(out.value, amplitude * horner(x2, kCos), -amplitude * cycles * horner(x2, kSin));
-
-    VecI line, bin;
-    const VecF l = clamp(across * beam.lines_per_step + frame.line, -4.0f, static_cast<float>(beam.lines) + 4.0f);
-    store(out.across, l - floor_of(l, line));
-    const float end = static_cast<float>(2 * beam.samples + kBinPad - 2);
-    const VecF b = clamp(range * beam.half_samples_per_mm, static_cast<float>(2 - kBinPad), end);
-    const VecF after = b - floor_of(b, bin);
-    store_pairs(out.along, 1.0f - after, after);
-    line -= first_line - 1;
-    const VecI offset = line * row + 2 * (bin + kBinPad);
-    std::memcpy(out.offset, &offset, sizeof offset);
-    out.heard = bits_of((line >= 0) & (line <= kStripLines) & (profile > 0.0f));
-}
 
 // {a, b, a, b} of two floats, and {a, a, b, b}
 inline V4 twice(const float *pair) {
@@ -246,37 +176,121 @@ inline V4 each_twice(const float *pair) {
     return __builtin_shufflevector(both, both, 0, 0, 1, 1);
 }
 
+// How the beams lie within a cell: parallel, fanning out a little, or (near the apex) any way.
+enum class Fan { none, narrow, wide };
+
+constexpr int kSoon = 64;  // scatterers further, to be fetched from memory
+
+// Hears scatterers [at, end) of a cell, at most kEnough. Copies, since a compiler cannot know what `heard` overlaps.
 template <Fan fan>
-void splat_cell(const BeamGeometry &beam, const Cells &cells, std::size_t cell, const float *c, int first_line,
-                float *strip, std::size_t row) {
-    Echoes echoes;
-    const float cut = widest_cut(beam, cells.frames[cell], c);
-    const std::size_t end = static_cast<std::size_t>(cells.starts[cell + 1]);
-    for (std::size_t at = static_cast<std::size_t>(cells.starts[cell]); at < end; at += kWidth) {
-        echoes_of<fan>(beam, cells.frames[cell], c, cut, cells, at, first_line, static_cast<std::int32_t>(row), echoes);
-        if (end - at < kWidth) echoes.heard &= (1u << (end - at)) - 1;
-        for (unsigned left = echoes.heard; left; left &= left - 1) {
-            const int i = __builtin_ctz(left);
-            const V4 value = twice(echoes.value + 2 * i) * each_twice(echoes.along + 2 * i);
-            const V4 right = value * echoes.across[i];
-            float *near = strip + echoes.offset[i], *next = near + row;
-            store4(near, load4(near) + (value - right));
+void hear(BeamGeometry beam, Cells cells, CellFrame frame, const float *polynomial, float cut, std::int32_t at,
+          std::int32_t end, int first_line, Heard &heard) {
+    float c[kPolynomialFloats];
+    std::memcpy(c, polynomial, sizeof c);
+    int count = heard.count;
+    for (; at < end; at += kWidth) {
+        for (const std::uint16_t *soon : {cells.u, cells.v, cells.w}) __builtin_prefetch(soon + at + kSoon);
+        __builtin_prefetch(cells.amplitude + at + kSoon);
+        const VecF u = in_cell(cells.u + at), v = in_cell(cells.v + at), w = in_cell(cells.w + at);
+        const auto place = [&](int a) {
+            return ((c[28 + a] * w + c[16 + a]) * v + (c[20 + a] * w + c[4 + a])) * u +
+                   ((c[24 + a] * w + c[8 + a]) * v + (c[12 + a] * w + c[a]));
+        };
+        const VecF elevation = place(1) + frame.elevation;
+        const VecI within = elevation * elevation < cut;
+        if (!bits_of(within)) continue;  // all beside the slice
+        VecF further = place(2), across = place(0);  // than the cell's corner
+        if constexpr (fan == Fan::narrow) {
+            const VecF q = across * reciprocal(further + frame.reach), squared = q * q;
+            further += across * q * horner(squared, kRootNarrow);
+            across = q * horner(squared, kAtanNarrow);
+        }
+        if constexpr (fan == Fan::wide) {
+            const VecF q = clamp(across / (further + frame.reach), -1.0f, 1.0f);
+            further += across * q / (1.0f + sqrt_of(1.0f + q * q));
+            across = q * horner(q * q, kAtan);
+        }
+        VecI whole;
+        const VecF line = clamp(across * beam.lines_per_step + frame.line, -4.0f, static_cast<float>(beam.lines) + 4.0f);
+        floor_of(line, whole);
+        whole -= first_line - 1;
+        unsigned lanes = bits_of(within & (whole >= 0) & (whole <= kStripLines));
+        if (end - at < kWidth) lanes &= (1u << (end - at)) - 1;
+        const Packed packed(lanes);
+        packed.store(heard.elevation + count, elevation);
+        packed.store(heard.range + count, further + frame.range);
+        packed.store(heard.cycles + count, further * beam.cycles_per_mm + frame.cycles);
+        packed.store(heard.line + count, line);
+        packed.store(heard.amplitude + count, load_i16(cells.amplitude + at) * cells.amplitude_step);
+        count += __builtin_popcount(lanes);
+    }
+    heard.count = count;
+}
+
+// Adds what was heard to a strip.
+void add(const BeamGeometry &beam, Heard &heard, int first_line, float *strip, std::size_t row) {
+    const float end = static_cast<float>(2 * beam.samples + kBinPad - 2);
+    alignas(64) std::int32_t offset[kWidth];
+    alignas(64) float value[2 * kWidth], along[2 * kWidth];  // re, im; shares of the half-sample before and after
+    alignas(64) float across[kWidth];                        // share of the next line
+    for (int at = 0; at < heard.count; at += kWidth) {
+        const VecF elevation = load(heard.elevation + at), range = load(heard.range + at);
+        const VecF off_focus = range - beam.focus_mm;
+        const VecF inverse = reciprocal(beam.focus_variance + beam.spread_squared * off_focus * off_focus);
+        const VecF squared = 0.5f * elevation * elevation * inverse;
+        const VecF profile = exp_minus(squared < 4.5f ? squared : splat(4.5f)) - beam.cut_weight;
+        const VecF amplitude = load(heard.amplitude + at) * profile;
+
+        VecF cycles = load(heard.cycles + at);
+        cycles -= (cycles + 12582912.0f) - 12582912.0f;  // to the nearest whole number
+        const VecF x2 = cycles * cycles;
+        const VecF re = amplitude * horner(x2, kCos), im = -amplitude * cycles * horner(x2, kSin);
+        const VecI inside = profile > 0.0f;
+        store_pairs(value, inside ? re : VecF{}, inside ? im : VecF{});
+
+        VecI line, bin;
+        const VecF l = load(heard.line + at);
+        store(across, l - floor_of(l, line));
+        const VecF b = clamp(range * beam.half_samples_per_mm, static_cast<float>(2 - kBinPad), end);
+        const VecF after = b - floor_of(b, bin);
+        store_pairs(along, 1.0f - after, after);
+        const VecI where = (line - (first_line - 1)) * static_cast<std::int32_t>(row) + 2 * (bin + kBinPad);
+        std::memcpy(offset, &where, sizeof where);
+
+        const int lanes = std::min(kWidth, heard.count - at);
+        for (int i = 0; i < lanes; ++i) {
+            const V4 both = twice(value + 2 * i) * each_twice(along + 2 * i);
+            const V4 right = both * across[i];
+            float *near = strip + offset[i], *next = near + row;
+            store4(near, load4(near) + (both - right));
             store4(next, load4(next) + right);
         }
     }
+    heard.count = 0;
 }
 
-void splat(const BeamGeometry &beam, const Cells &cells, const float *polynomials, const LineSpan *spans,
-           int first_line, float *strip, std::size_t row) {
+void splat(const BeamGeometry &beam, const Cells &cells, const std::int32_t *surface_starts, const std::int16_t *turned,
+           const float *polynomials, const LineSpan *spans, int first_line, float *strip, std::size_t row) {
     const int from = first_line - 1, to = first_line + kStripLines - 1;
+    Cells turning = cells;
+    turning.amplitude = turned;
+    Heard heard;
     for (std::size_t cell = 0; cell < cells.count; ++cell) {
         if (spans[cell].last < from || spans[cell].first > to || spans[cell].last < spans[cell].first) continue;
         const float *c = polynomials + kPolynomialFloats * cell;
-        const auto add = !beam.curved  ? splat_cell<Fan::none>
-                         : c[3] != 0.0f ? splat_cell<Fan::narrow>
-                                        : splat_cell<Fan::wide>;
-        add(beam, cells, cell, c, first_line, strip, row);
+        const auto hear_some = !beam.curved ? hear<Fan::none> : c[3] != 0.0f ? hear<Fan::narrow> : hear<Fan::wide>;
+        const float cut = widest_cut(beam, cells.frames[cell], c);
+        const auto hear_from = [&](const Cells &from, std::int32_t first, std::int32_t end) {
+            for (; first < end; first += Heard::kEnough) {
+                hear_some(beam, from, cells.frames[cell], c, cut, first, std::min(end, first + Heard::kEnough), first_line, heard);
+                if (heard.count >= Heard::kEnough) add(beam, heard, first_line, strip, row);
+            }
+        };
+        const std::int32_t end = cells.starts[cell + 1], on = end - (surface_starts[cell + 1] - surface_starts[cell]);
+        hear_from(cells, cells.starts[cell], on);
+        hear_from(turning, on, end);
     }
+    add(beam, heard, first_line, strip, row);
 }
 
 }  // namespace
