@@ -81,6 +81,39 @@ class Shares {
     std::vector<float> weights_;
 };
 
+/// Of each point the shares of the nodes of a plane, in one piece from its first line to its last: short rows take as long.
+class Patches {
+  public:
+    struct Patch {
+        std::size_t first, count;
+        const float *weights;
+    };
+    Patches(const Shares &shares, std::size_t points, std::size_t line) : patches_(points) {
+        std::size_t all = 0;
+        for (std::size_t p = 0; p < points; ++p) {
+            const Share &y = shares[p][1], &z = shares[p][2];
+            if (y.first >= y.end || z.first >= z.end) continue;
+            patches_[p] = {y.first * line + z.first, (y.end - 1 - y.first) * line + z.end - z.first, nullptr};
+            all += patches_[p].count;
+        }
+        weights_.resize(all);
+        float *at = weights_.data();
+        for (std::size_t p = 0; p < points; at += patches_[p++].count) {
+            const Share &y = shares[p][1], &z = shares[p][2];
+            patches_[p].weights = at;
+            if (!patches_[p].count) continue;
+            for (std::size_t j = y.first; j < y.end; ++j)
+                for (std::size_t k = z.first; k < z.end; ++k)
+                    at[(j - y.first) * line + k - z.first] = y.weights[j] * z.weights[k];
+        }
+    }
+    const Patch &operator[](std::size_t point) const { return patches_[point]; }
+
+  private:
+    std::vector<Patch> patches_;
+    std::vector<float> weights_;
+};
+
 /// Calls visit(point, begin of the row, weights of its plane and line, share along it) for every row of [begin, end)
 /// planes that a point reaches.
 template <class Visit>
@@ -120,19 +153,20 @@ void nodal_forces(const std::array<std::size_t, 3> &shape, const std::array<doub
 void nodal_force_vectors(const std::array<std::size_t, 3> &shape, const std::array<double, 3> &spacing,
                          const SmoothedPoints &points, const double *forces, float *out) {
     const Shares shares(shape, spacing, points);
+    const Patches patches(shares, points.count, shape[2]);
     const std::size_t plane = shape[1] * shape[2], size = shape[0] * plane;
     const std::size_t planes = size > kSmall ? 1 : shape[0];
     parallel_for((shape[0] + planes - 1) / planes, [&](std::size_t block) {
         const std::size_t begin = block * planes, end = std::min(begin + planes, shape[0]);
         for (std::size_t a = 0; a < 3; ++a) std::fill(out + a * size + begin * plane, out + a * size + end * plane, 0.f);
-        each_row(shares, points.count, begin, end, shape,
-                 [&](std::size_t p, std::size_t at, float across, float weight, const Share &z) {
-                     for (std::size_t a = 0; a < 3; ++a) {
-                         const auto amount = static_cast<float>(forces[3 * p + a]);
-                         kernels().rows->add(amount * across * weight, z.weights + z.first, out + a * size + at,
-                                             z.end - z.first);
-                     }
-                 });
+        for (std::size_t p = 0; p < points.count; ++p) {
+            const Share &x = shares[p][0];
+            const auto [first, count, weights] = patches[p];
+            for (std::size_t i = std::max(begin, x.first); i < std::min(end, x.end); ++i)
+                for (std::size_t a = 0; a < 3; ++a)
+                    kernels().rows->add(static_cast<float>(forces[3 * p + a]) * x.weights[i], weights,
+                                        out + a * size + i * plane + first, count);
+        }
     });
 }
 
