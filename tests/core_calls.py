@@ -157,15 +157,17 @@ SOUND = {
         "compliance": np.eye(5) + 0.3, "apart": np.arange(5.0) - 2, "low": np.full(5, -1.0), "high": np.full(5, 0.5),
         "start": np.zeros(5), "sweeps": 50, "tolerance": 1e-9,
     },
-    "stick_slip": {
-        "compliance": np.eye(5) + 0.3, "behind": np.arange(5.0) - 2, "end": np.array([0, 0, 0, 0.4, 0.6]),
-        "bond": np.full(6, 0.1), "anchors": np.arange(5.0) - 1.5, "axial": np.array([0.1, -0.2, 0, 0.3, 0.3]),
-        "tip": 0.2, "sliding": np.array([1, 0, 0, 0, 1], np.uint8), "bounds": np.full(5, 0.3), "limit": 0.5,
-        "slow": 0.1, "sweeps": 50, "tolerance": 1e-9,
+    "cut_on": {
+        "compliance": np.eye(5) + 0.3, "behind": 2 - np.arange(5.0), "bond": np.full(6, 0.1),
+        "resistance": np.full((4, 5), 0.3), "anchors": 1.5 - np.arange(5.0), "axial": np.array([0.1, -0.2, 0, 0.3, 0]),
+        "tip": 0.2, "cut": 2.2, "sliding": np.array([1, 0, 0, 0, 1], np.uint8), "used": np.zeros(5, np.uint8),
+        "apart": 1.0, "reuse": 0.6, "speed": 0.1, "membrane": 3.0, "rupture": 0.4, "slow": 0.1, "sweeps": 50,
+        "tolerance": 1e-9, "ends": 1e-3, "grown": 0.01, "most": 20,
     },
-    "forces_across": {
-        "compliance": np.eye(12) + 0.3, "axes": np.eye(3)[:2], "held": np.array([0, 1, 1, 1], np.uint8),
-        "wanted": rows(3), "soft": 0.3, "least": 1e-9,
+    "held_across": {
+        "compliance": np.eye(12) + 0.3, "places": rows(4), "axis": np.array([0, 0.6, 0.8]),
+        "held": np.array([0, 1, 1, 1], np.uint8), "offsets": rows(4), "lateral": rows(4), "share": 0.9, "bond": 0.1,
+        "soft": 0.3, "least": 1e-9,
     },
     "ForceLaw": {"hands": 2, "options": Coupling().for_core(), "sweeps": 8},
     "ForceLaw.renew": CONTACT,

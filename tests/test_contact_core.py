@@ -52,27 +52,44 @@ def test_clipped_forces_agree_with_the_twin(native):
 
 
 def a_shaft(m, rng):
-    """Arguments of the core for a shaft that sticks here and slides there."""
+    """Arguments of the twin for a shaft that sticks here and slides there."""
     along = shaft_compliance(m, rng)
     bounds = rng.random(m) * (rng.random(m) < 0.9)
     axial = rng.uniform(-1, 1, m) * bounds
-    sliding = (rng.random(m) < 0.4).astype(np.uint8)
-    axial = np.where(sliding, np.sign(axial) * bounds * rng.random(m), axial)
+    slides = rng.random(m) < 0.4
+    axial = np.where(slides, np.sign(axial) * bounds * rng.random(m), axial)
     end = np.zeros(m)
     end[-2:] = 0.3, 0.7
     return {
         "compliance": along, "behind": rng.normal(size=m), "end": end, "bond": 0.1 * np.append(along.diagonal(), 1e-3),
-        "anchors": rng.normal(size=m), "axial": axial, "tip": 0.3, "sliding": sliding, "bounds": bounds, "limit": 0.8,
+        "anchors": rng.normal(size=m), "axial": axial, "tip": 0.3, "slides": slides, "bounds": bounds, "limit": 0.8,
         "slow": 0.05, "sweeps": 5000, "tolerance": 1e-12,
     }  # fmt: skip
 
 
+def a_track(m, rng):
+    """Arguments of the core for a needle that has gone on from where its track held it."""
+    apart, cut = 0.5, 0.5 * (m - 1) * rng.random()
+    along = apart * np.arange(m)
+    compliance, resistance = 0.3 * shaft_compliance(m, rng), rng.random((4, m))
+    resistance[1] += 1.0
+    behind = cut + rng.uniform(-1, 1) - along - 0.3 * rng.random(m)
+    return {
+        "compliance": compliance, "behind": behind, "bond": 0.1 * np.append(compliance.diagonal(), 1e-3),
+        "resistance": resistance, "anchors": behind + rng.normal(size=m) / 5, "axial": rng.normal(size=m) / 5,
+        "tip": 0.1, "cut": cut, "sliding": (rng.random(m) < 0.4).astype(np.uint8),
+        "used": (rng.random(m) < 0.2).astype(np.uint8), "apart": apart, "reuse": 0.6, "speed": 0.5,
+        "membrane": rng.choice([np.inf, cut, cut + 0.2]), "rupture": rng.random(), "slow": 0.02, "sweeps": 50,
+        "tolerance": 1e-7, "ends": 1e-3, "grown": 0.01, "most": 40,
+    }  # fmt: skip
+
+
 @needs_core
-@settings(max_examples=40, deadline=None)
-@given(m=st.integers(2, 25), seed=st.integers(0, 10**6))
-def test_a_shaft_sticks_and_slips_as_in_the_twin(m, seed):
-    arguments = {**a_shaft(m, np.random.default_rng(seed)), "sweeps": 30, "tolerance": 1e-7}
-    ours, theirs = _core.native.stick_slip(**arguments), twin_contact.stick_slip(**arguments)
+@settings(max_examples=100, deadline=None)
+@given(m=st.integers(2, 20), seed=st.integers(0, 10**6))
+def test_a_tip_cuts_on_as_in_the_twin(m, seed):
+    arguments = a_track(m, np.random.default_rng(seed))
+    ours, theirs = _core.native.cut_on(**arguments), twin_contact.cut_on(**arguments)
     for found, expected in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
@@ -83,40 +100,38 @@ def test_what_sticks_is_a_bond_from_its_anchor_and_what_slips_takes_it_along(m, 
     """Sought until no change of a force is left, so that it does not matter how slowly they are let change."""
     arguments = a_shaft(m, np.random.default_rng(seed))
     compliance, end, bond, bounds = (arguments[name] for name in ("compliance", "end", "bond", "bounds"))
-    before, tip, behind = arguments["axial"], arguments["tip"], arguments["behind"]
-    anchors = arguments["anchors"]
+    before, tip, first = arguments["axial"], arguments["tip"], arguments["behind"]
     for _ in range(200):
-        axial, anchors, reached, ahead = _core.active.stick_slip(**arguments)
+        behind, anchors, axial, reached = twin_contact.stick_slip(**arguments)
         change = float(np.abs(axial - arguments["axial"]).max() + abs(reached - arguments["tip"]))
-        behind = behind - compliance @ (axial - arguments["axial"] + (reached - arguments["tip"]) * end)
-        slides = ((np.abs(axial) >= bounds) & (bounds > 0)).astype(np.uint8)
-        arguments |= {"axial": axial, "tip": reached, "anchors": anchors, "behind": behind, "sliding": slides}
+        slides = (np.abs(axial) >= bounds) & (bounds > 0)
+        arguments |= {"axial": axial, "tip": reached, "anchors": anchors, "behind": behind, "slides": slides}
         if change < 1e-10:
             break
-    whole = arguments["axial"] - before + (arguments["tip"] - tip) * end
-    np.testing.assert_allclose(
-        behind, a_shaft(m, np.random.default_rng(seed))["behind"] - compliance @ whole, atol=1e-9
-    )
+    np.testing.assert_allclose(behind, first - compliance @ (axial - before + (reached - tip) * end), atol=1e-9)
     assert (np.abs(axial) <= bounds).all() and 0 <= reached <= 0.8
     np.testing.assert_allclose(anchors, behind - bond[:-1] * axial, atol=1e-6)
-    assert ahead == pytest.approx(-end @ behind, abs=1e-9)
+    ahead = -end @ behind
     assert reached == 0 or reached == 0.8 or abs(ahead + bond[-1] * reached) < 1e-6 or abs(ahead) < 1e-3
 
 
 @needs_core
-def test_forces_across_a_shaft_agree_with_the_twin_and_move_its_points():
+def test_what_holds_a_shaft_agrees_with_the_twin_and_brings_points_where_they_were():
     rng, m = np.random.default_rng(4), 9
-    root = rng.normal(size=(3 * m, 3 * m))
-    compliance, axes = root @ root.T, np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
-    held, wanted = (rng.random(m) < 0.7).astype(np.uint8), rng.normal(size=(m, 3))
-    arguments = compliance, axes, held, wanted[held != 0], 0.3, 1e-9
-    ours, theirs = _core.native.forces_across(*arguments), twin_contact.forces_across(*arguments)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-8)
-    stiff = _core.native.forces_across(*arguments[:4], 0.0, 0.0)
-    forces = np.zeros((m, 3))
-    forces[held != 0] = stiff
-    moved = (compliance @ forces.ravel()).reshape(m, 3)[held != 0]
-    np.testing.assert_allclose(moved @ axes.T, wanted[held != 0] @ axes.T, atol=1e-8)
+    root, axis = rng.normal(size=(3 * m, 3 * m)), np.array([0.6, 0, 0.8])
+    compliance, held = root @ root.T, (rng.random(m) < 0.7).astype(np.uint8)
+    places, offsets, lateral = (rng.normal(size=(m, 3)) for _ in range(3))
+    arguments = compliance, places, axis, held, offsets, lateral
+    ours, theirs = (core.held_across(*arguments, 0.8, 0.1, 0.3, 1e-9) for core in (_core.native, twin_contact))
+    np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(ours[1], theirs[1], atol=1e-12)
+    forces, beside = _core.native.held_across(*arguments, 1.0, 0.0, 0.0, 0.0)
+    across = np.eye(3) - np.outer(axis, axis)
+    before = np.where(held[:, None], lateral @ across, 0.0)
+    moved = places + (compliance @ (forces - before).ravel()).reshape(m, 3)
+    np.testing.assert_allclose((moved @ across)[held != 0], (offsets @ across)[held != 0], atol=1e-8)
+    np.testing.assert_allclose(beside[held == 0], (places @ across)[held == 0], atol=1e-12)
+    assert not forces[held == 0].any()
 
 
 @needs_core

@@ -8,7 +8,6 @@ from .twin import clipped_forces as clipped_forces
 from .twin import crc64 as crc64
 from .twin import displacement_at as displacement_at
 from .twin import followed as followed
-from .twin import forces_across as forces_across
 from .twin import gradient_at_points as gradient_at_points
 from .twin import gradient_lattice as gradient_lattice
 from .twin import invert_lattice as invert_lattice
@@ -19,7 +18,6 @@ from .twin import nodal_forces as nodal_forces
 from .twin import resample_lattice as resample_lattice
 from .twin import reslice as reslice
 from .twin import sample_lattice as sample_lattice
-from .twin import stick_slip as stick_slip
 from .twin import sum_at_points_f32 as sum_at_points_f32
 from .twin import sum_at_points_f64 as sum_at_points_f64
 from .twin import sum_on_lattice_f32 as sum_on_lattice_f32

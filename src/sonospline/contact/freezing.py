@@ -22,7 +22,7 @@ def frozen(medium: Medium, track: Track, needle: Needle, displacement: Single) -
     axis, end = needle.direction, track.end
     rows = np.vstack([np.eye(len(track)), end])
     push = Push(medium, "", Motion(needle, needle), displacement)
-    bound, limit = push.bounds(track), push.limit(track)[0]
+    bound, limit = push.bounds(track), push.limit(track)
     anchors = np.append(track.anchors + push.stretch(track), 0.0)  # of a shaft without bonds that is where this one is
     moved, behind = medium.moved(displacement, track.places) @ axis, (needle.tip - track.places) @ axis
     return FrozenContact(

@@ -29,9 +29,9 @@ def begun(medium: Medium, needle: Needle) -> Track:
     rest = medium.solver.rest.displacement
     inside = medium.inside((needle.entry + _WITHIN * needle.direction)[None])[0]
     track = Track(
-        apart=APART * medium.width, places=nothing, anchors=none, axial=none, lateral=nothing, offsets=nothing, tip=0.0,
-        cut=0.0, compliance=np.empty((0, 0)), columns=np.stack([rest] * 3), sliding=none.astype(bool),
-        used=none.astype(bool), held=none.astype(bool), resistance=np.empty((4, 0)),
+        apart=APART * medium.width, places=nothing, anchors=none, moved=nothing, axial=none, lateral=nothing,
+        offsets=nothing, tip=0.0, cut=0.0, compliance=np.empty((0, 0)), columns=np.stack([rest] * 3),
+        sliding=none.astype(bool), used=none.astype(bool), held=none.astype(bool), resistance=np.empty((4, 0)),
         passages=tuple(Passage(0.0, int(number), inward=True) for number in np.flatnonzero(inside)),
     )  # fmt: skip
     for place in (needle.entry, needle.entry + track.apart * needle.direction):
@@ -39,11 +39,10 @@ def begun(medium: Medium, needle: Needle) -> Track:
     return track
 
 
-def extended(medium: Medium, track: Track, needle: Needle, cut: float, displacement: Single) -> tuple[Track, Array]:
-    """Return a track with a longer cut, and the displacement (n, 3) of the points that it has more."""
-    track = track.changed(cut=cut)
+def extended(medium: Medium, track: Track, needle: Needle, displacement: Single) -> tuple[Track, Array]:
+    """Return a track with points beyond its cut, and the displacement (n, 3) of those that it has more."""
     found = [np.empty((0, 3))]
-    while track.along[-1] <= cut:
+    while track.along[-1] <= track.cut:
         # The tip cuts straight on: towards the tissue that the axis meets ahead.
         last, axis = track.places[-1], needle.direction
         ahead = medium.undeformed(displacement, (needle.tip + track.apart * axis)[None], last[None])[0]
@@ -75,7 +74,8 @@ def _with_point(
     none = np.zeros((1, 3))
     return track.changed(
         places=places, anchors=np.append(track.anchors, anchor), axial=np.append(track.axial, 0.0),
-        lateral=np.vstack([track.lateral, none]), offsets=np.vstack([track.offsets, none]),
+        moved=np.vstack([track.moved, moved]), lateral=np.vstack([track.lateral, none]),
+        offsets=np.vstack([track.offsets, none]),
         compliance=np.block([[track.compliance, beside.T], [beside, own]]), columns=columns,
         sliding=np.append(track.sliding, False), used=np.append(track.used, False), held=np.append(track.held, False),
         resistance=np.hstack([track.resistance, np.array(medium.resistance(place[None]))]),

@@ -13,11 +13,13 @@ with where it is: what the tip has newly come past slides along it, and forces a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from .._core.shaft import friction_bounds
 from ..geometry.needle import Needle
 from ..mechanics.loads import MILLI
 from .events import Left, Punctured
@@ -45,11 +47,21 @@ _ENDS = 2e-3
 """Of the distance between points: by less a tip that could cut on does not."""
 _GROWN = 0.01
 """Of the friction of a point all along the shaft: by less than that it has come to stand for more of it."""
-_FORWARD = 1e-9
-"""mN, and the direction of friction where the tip has just come by."""
+_THERE = 1e-9
+"""mm that a tip is before a membrane which it is at."""
 _MOST_CUTS = 400
 _PART = 0.25
 """Of the distance between points, that a needle goes at most before friction and cut are found anew."""
+
+
+class _Cut(NamedTuple):
+    """What a tip that rests has come to."""
+
+    bounds: Array
+    """(m,) of friction."""
+    reached: float
+    """Length of the track at the tip."""
+    events: list[object]
 
 
 @dataclass(frozen=True)
@@ -79,111 +91,96 @@ class Push:
     def __repr__(self) -> str:
         return f"Push({self.name!r}, {self.motion.travel:.4g} mm, grip={self.grip})"
 
-    def of(self, track: Track, moved: Array, answer: Answer) -> tuple[Track, Array, tuple[object, ...]]:
+    def of(self, track: Track, answer: Answer) -> tuple[Track, Array, tuple[object, ...]]:
         """Return a track after the step, where friction is to bring its points (m, 3), and what has happened.
 
         Parameters
         ----------
         track : Track
             Before the step.
-        moved : (m, 3) ndarray
-            Displacement of its points before it.
         answer : Answer
             The tissue's to their forces, which predicts the displacement after it.
         """
         events: list[object] = []
-        track = self._on_what_is(track, moved)
+        track = self._on_what_is(track)
         count = max(1, int(np.ceil(self.motion.travel / (_PART * track.apart))))
         for part in self.motion.parts(count):
             before, as_before = track, answer
-            track, answer, met = self._cut_on(track, part.needle, answer)
-            events += met
-            if track.broken:
-                ends = _tip_along(before, part.last, as_before), _tip_along(track, part.needle, answer)
-                events += self._left(track, *ends)
-        bounds = self.bounds(track)  # of what the tip has gone back behind there is less
-        track = track.changed(axial=np.clip(track.axial, -bounds, bounds))
+            track, answer, cut = self._cut_on(track, part.needle, answer)
+            events += cut.events
+            if track.broken and cut.reached < track.cut:
+                events += self._left(track, _tip_along(before, part.last, as_before), cut.reached)
+        # Of what the tip has gone back behind there is less.
+        track = track.changed(axial=np.minimum(np.maximum(track.axial, -cut.bounds), cut.bounds))
         if self.grip:
             track = gripped(track, self.motion.needle, answer.to(track, self.motion.needle), answer.share)
-        return track, answer.to(_grown(track, bounds), self.motion.needle), tuple(events)
+        return track, answer.to(_grown(track, cut.bounds), self.motion.needle), tuple(events)
 
-    def _cut_on(self, track: Track, needle: Needle, answer: Answer) -> tuple[Track, Answer, list[object]]:
+    def _cut_on(self, track: Track, needle: Needle, answer: Answer) -> tuple[Track, Answer, _Cut]:
         """Stick, slip and cut until the tip rests."""
         events: list[object] = []
         for _ in range(_MOST_CUTS):
-            limit, membrane = self.limit(track)
-            track, ahead = self._balanced(track, needle, limit, answer)
-            if track.tip < limit or ahead > -_ENDS * track.apart:
-                if self._is_whole(track):
-                    break
-                continue
-            if membrane is not None:
-                events.append(self._through(membrane, limit))
-                track = track.changed(broken=track.broken + 1)
-                continue
-            cut = track.cut + min(-ahead, track.apart, _free_way(track))
-            track, moved = extended(self.medium, track, needle, cut, self.displacement)
-            answer = answer.with_points(moved)
-        return track, answer, events
+            membrane, rupture = self._ahead(track)
+            along = track.compliance_along(needle.direction)
+            behind = (needle.tip - track.places - answer.to(track, needle)) @ needle.direction
+            anchors, axial, tip, cut, sliding, used, bounds, reached, breaks = _core.active.cut_on(
+                answer.share * along, behind, _bond(along.diagonal()), track.resistance, track.anchors, track.axial,
+                track.tip, track.cut, track.sliding.view(np.uint8), track.used.view(np.uint8), track.apart,
+                self.medium.reuse, self.motion.speed or 0.0, np.inf if membrane is None else membrane.at, rupture,
+                _SLOW, _SWEEPS, _EXACT * track.apart, _ENDS * track.apart, _GROWN, _MOST_CUTS,
+            )  # fmt: skip
+            state = {"sliding": sliding.view(bool), "used": used.view(bool), "broken": track.broken + breaks}
+            track = track.changed(anchors=anchors, axial=axial, tip=tip, cut=cut, **state)
+            if breaks and membrane is not None:
+                events.append(self._through(membrane, tip))
+            elif cut >= track.along[-1]:
+                track, moved = extended(self.medium, track, needle, self.displacement)
+                answer = answer.with_points(moved)
+            else:
+                break
+        return track, answer, _Cut(bounds, reached, events)
 
-    def limit(self, track: Track) -> tuple[float, Passage | None]:
-        """The force under which the tip goes on, and the membrane that it has to break for that."""
-        ahead = track.passages[track.broken :]
+    def _ahead(self, track: Track) -> tuple[Passage | None, float]:
+        """The next membrane of a track, if there is one, and the force that it takes to break it."""
+        if track.broken == len(track.passages):
+            return None, 0.0
+        membrane = track.passages[track.broken]
+        return membrane, MILLI * self.medium.membranes[membrane.membrane].rupture_force(self.motion.speed)
+
+    def limit(self, track: Track) -> float:
+        """Return the force under which the tip goes on: through tissue, or a membrane that it is at."""
+        membrane, rupture = self._ahead(track)
         cutting = float(track.end @ track.resistance[3])
-        if not ahead or ahead[0].at > track.cut + 1e-9:
-            return cutting, None
-        rupture = self.medium.membranes[ahead[0].membrane].rupture_force(self.motion.speed)
-        return max(MILLI * rupture, cutting), ahead[0]
+        return cutting if membrane is None or membrane.at > track.cut + _THERE else max(rupture, cutting)
 
-    def _balanced(self, track: Track, needle: Needle, limit: float, answer: Answer) -> tuple[Track, float]:
-        """The forces of a pose, anchors of what slips, and how far tissue is ahead of the tip; behind where it cuts."""
-        axis, bounds = needle.direction, self.bounds(track)
-        new = _new(track, bounds)
-        track = track.changed(sliding=track.sliding | new, axial=np.where(new, _FORWARD, track.axial))
-        behind = (needle.tip - track.places - answer.to(track, needle)) @ axis
-        along = track.compliance_along(axis)
-        axial, anchors, tip, ahead = _core.active.stick_slip(
-            answer.share * along, behind, track.end, _bond(along), track.anchors, track.axial, track.tip,
-            track.sliding.view(np.uint8), bounds, limit, _SLOW, _SWEEPS, _EXACT * track.apart,
-        )  # fmt: skip
-        used = track.used | ((anchors < -track.apart / 2) & (track.along < track.cut))
-        slides = (np.abs(axial) >= bounds) & (bounds > 0)
-        return track.changed(axial=axial, tip=tip, anchors=anchors, sliding=slides, used=used), ahead
-
-    def _is_whole(self, track: Track) -> bool:
-        """Whether points that slide rub along all of the shaft that they stand for."""
-        bounds = self.bounds(track)
-        lacks = bounds - np.abs(track.axial) > _GROWN * track.apart * track.resistance[0]
-        return not (lacks & (track.sliding | _new(track, bounds))).any()
-
-    def _on_what_is(self, track: Track, moved: Array) -> Track:
+    def _on_what_is(self, track: Track) -> Track:
         """A track whose sliding points are where the tissue is, which the step before had only predicted."""
+        if not track.sliding.any():
+            return track
         needle = self.motion.last
-        there = (needle.tip - track.places - moved) @ needle.direction - self.stretch(track)
+        there = (needle.tip - track.places - track.moved) @ needle.direction - self.stretch(track)
         return track.changed(anchors=np.where(track.sliding, there, track.anchors))
 
     def stretch(self, track: Track) -> Array:
         """Return by how much friction moves each point (m,) along the shaft that it sticks to."""
-        return _bond(track.compliance_along(self.motion.last.direction))[:-1] * track.axial
+        stretch: Array = _bond(track.compliance_along(self.motion.last.direction).diagonal())[:-1] * track.axial
+        return stretch
 
     def compliance(self, track: Track, axis: Array) -> Array:
         """Return that of the points and of the end of the cut (m + 1, m + 1), along an axis, bonds included."""
         along, rows = track.compliance_along(axis), np.vstack([np.eye(len(track)), track.end])
         compliance: Array = rows @ along @ rows.T
-        compliance[np.diag_indices_from(compliance)] += _bond(along)
+        compliance[np.diag_indices_from(compliance)] += _bond(along.diagonal())
         return compliance
 
     def bounds(self, track: Track) -> Array:
         """Largest friction of each point; of one that sticks the static one."""
-        friction, static, viscous, _ = track.resistance
-        friction = friction * np.where(track.used, self.medium.reuse, 1.0)
-        sliding = friction + viscous * abs(self.motion.speed or 0.0)
-        bound: Array = np.where(track.sliding, sliding, np.maximum(friction * static, sliding)) * track.lengths
-        return bound
+        speed = self.motion.speed or 0.0
+        return friction_bounds(track.lengths, track.resistance, track.sliding, track.used, self.medium.reuse, speed)
 
-    def _through(self, passage: Passage, limit: float) -> object:
+    def _through(self, passage: Passage, force: float) -> object:
         name = self.medium.membranes[passage.membrane].name
-        return Punctured(self.name, name, limit / MILLI) if passage.inward else Left(self.name, name)
+        return Punctured(self.name, name, force / MILLI) if passage.inward else Left(self.name, name)
 
     def _left(self, track: Track, before: float, after: float) -> list[object]:
         """What the tip is pulled back out of, from one place of the track to another."""
@@ -191,26 +188,14 @@ class Push:
         return [Left(self.name, self.medium.membranes[passage.membrane].name) for passage in reversed(out)]
 
 
-def _bond(along: Array) -> Array:
+def _bond(own: Array) -> Array:
     """By how much a force moves a point (m + 1,) along the shaft that it sticks to; the end of the cut last."""
-    return np.append(_BOND * along.diagonal(), 0.0) + _NOTHING
-
-
-def _new(track: Track, bounds: Array) -> NDArray[np.bool_]:
-    """Which points (m,) the tip has come past that it had not reached before."""
-    new: NDArray[np.bool_] = (bounds > 0) & (track.axial == 0) & ~track.sliding
-    return new
+    return np.append(_BOND * own, 0.0) + _NOTHING
 
 
 def _grown(track: Track, bounds: Array) -> Track:
     """A track of which the points that slide rub along all of the shaft that they have come to stand for."""
     return track.changed(axial=np.where(track.sliding, np.sign(track.axial) * bounds, track.axial))
-
-
-def _free_way(track: Track) -> float:
-    """Length of the way to the next membrane."""
-    ahead = track.passages[track.broken :]
-    return ahead[0].at - track.cut if ahead else np.inf
 
 
 def _tip_along(track: Track, needle: Needle, answer: Answer) -> float:

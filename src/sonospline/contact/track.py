@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._by_bits import ByBits
+from .._core import shaft
 from ..geometry.needle import Needle
 
 Array = NDArray[np.float64]
@@ -39,6 +40,8 @@ class Track(ByBits):
         The points in undeformed tissue, in the world.
     anchors : (m,) ndarray
         How far behind the tip the place on the needle is that each of them is at.
+    moved : (m, 3) ndarray
+        How far the tissue there had moved when the last step ended.
     axial : (m,) ndarray
         Friction at each of them, along the needle.
     lateral : (m, 3) ndarray
@@ -66,6 +69,7 @@ class Track(ByBits):
     apart: float
     places: Array
     anchors: Array
+    moved: Array
     axial: Array
     lateral: Array
     offsets: Array
@@ -102,8 +106,9 @@ class Track(ByBits):
         names = ("axial", "lateral", "offsets", "sliding", "used", "held")
         old, new = vars(before), vars(self)
         restored = {name: np.concatenate([old[name], np.zeros_like(new[name][len(before) :])]) for name in names}
-        anchors = np.append(before.anchors, self.anchors[len(before) :])
-        return self.changed(anchors=anchors, tip=before.tip, cut=before.cut, broken=before.broken, **restored)
+        for name in ("anchors", "moved"):  # of what was not there as it is now
+            restored[name] = np.concatenate([old[name], new[name][len(before) :]])
+        return self.changed(tip=before.tip, cut=before.cut, broken=before.broken, **restored)
 
     @cached_property
     def along(self) -> Array:
@@ -113,17 +118,12 @@ class Track(ByBits):
     @cached_property
     def end(self) -> Array:
         """Share (m,) of each point in the end of the cut, which lies between two of them."""
-        share: Array = np.maximum(0.0, 1.0 - np.abs(self.along - self.cut) / self.apart)
-        return share
+        return shaft.share_of_end(self.along, self.cut, self.apart)
 
     @cached_property
     def lengths(self) -> Array:
         """Length (m,) of the shaft that each point stands for: in the cut, and behind the tip."""
-        half = self.apart / 2
-        begin, end = np.maximum(self.along - half, 0.0), self.along + half
-        tip = self.along + self.anchors
-        lengths: Array = np.clip(np.minimum(self.cut, tip), begin, end) - begin
-        return lengths
+        return shaft.lengths(self.along, self.anchors, self.cut, self.apart)
 
     def forces(self, needle: Needle) -> Array:
         """Return the force (m, 3) at each point, in the world: friction, grip, and the tip's share."""

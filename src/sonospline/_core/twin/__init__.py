@@ -3,8 +3,8 @@
 from .bmode import BmodePlan as BmodePlan
 from .cholesky import CholeskyFactor as CholeskyFactor
 from .contact import clipped_forces as clipped_forces
-from .contact import forces_across as forces_across
-from .contact import stick_slip as stick_slip
+from .contact import cut_on as cut_on
+from .contact import held_across as held_across
 from .crc64 import crc64 as crc64
 from .elastic import ElasticMultigrid as ElasticMultigrid
 from .elastic import galerkin_of_cells as galerkin_of_cells

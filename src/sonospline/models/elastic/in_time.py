@@ -47,14 +47,6 @@ class Pushed(NamedTuple):
     """Of the field, relative, because its forces are not quite those of its own displacement."""
 
 
-class _Answered(NamedTuple):
-    """How tissue answers at the end of a step, as :class:`Answer` has it at the points of each track."""
-
-    moved: Single
-    forces: Mapping[str, Array]
-    share: float
-
-
 @dataclass(frozen=True)
 class NeedlesInTime:
     """Steps of needles that remember, in tissue that may.
@@ -109,29 +101,27 @@ class NeedlesInTime:
         before = state.solution.displacement
         ahead = self.tissue.predicted(state, dt).solution.displacement if relaxes else before
         needles = {name: motion.needle for name, motion in motions.items()}
-        forces = {name: track.forces(motions[name].last) for name, track in begun.items()}
         share = self.tissue.jump(dt) if relaxes else 1.0
-        tracks, predicted, events = self._moved(begun, motions, before, _Answered(ahead, forces, share))
+        answers = {
+            name: Answer(self._moved(ahead, track) if relaxes else track.moved, track.forces(motions[name].last), share)
+            for name, track in begun.items()
+        }
+        tracks, predicted, events = self._pushed(begun, motions, before, answers)
         state = self._advanced(state, tracks, needles, dt, self.budget)
         taken = state.solution.iterations
         while True:
             now = state.solution.displacement
-            error = max((self._missed(tracks[name], predicted[name], now) for name in needles), default=0.0)
+            tracks = {name: track.changed(moved=self._moved(now, track)) for name, track in tracks.items()}
+            error = max((_missed(tracks[name], predicted[name]) for name in needles), default=0.0)
             if error > self.tolerance:
-                forces = {name: track.forces(needles[name]) for name, track in tracks.items()}
+                answers = {name: Answer(track.moved, track.forces(needles[name])) for name, track in tracks.items()}
                 anew = {name: track.back_to(begun[name]) for name, track in tracks.items()}
-                again, predicted, met = self._moved(anew, motions, before, _Answered(now, forces, 1.0))
+                again, predicted, met = self._pushed(anew, motions, before, answers)
                 error = max(_changed(tracks[name], again[name], needle) for name, needle in needles.items())
             if error <= self.tolerance or taken >= self.budget:
                 return Pushed(state, tracks, events, _believed(error))
             state = self._advanced(state, again, needles, 0.0, self.budget - taken)
             tracks, events, taken = again, met, taken + state.solution.iterations
-
-    def _missed(self, track: Track, predicted: Array, now: Single) -> float:
-        """How far points are from where friction was to bring them: forces found anew change no more than that."""
-        moved = self.medium.moved(now, track.places)
-        least = _LEAST_MM * np.sqrt(len(track))
-        return float(np.linalg.norm(moved - predicted) / max(float(np.linalg.norm(moved)), least))
 
     def _parts(self, motions: Mapping[str, Motion]) -> list[dict[str, Motion]]:
         """A long way in parts: what the compliance predicts of a field is not the field."""
@@ -157,24 +147,19 @@ class NeedlesInTime:
             return Needle(needle.entry, needle.entry + _BEGIN * needle.direction), begun(self.medium, needle)
         return last, track
 
-    def _moved(
-        self,
-        tracks: Mapping[str, Track],
-        motions: Mapping[str, Motion],
-        before: Single,
-        answered: _Answered,
+    def _moved(self, displacement: Single, track: Track) -> Array:
+        return self.medium.moved(displacement, track.places)
+
+    def _pushed(
+        self, tracks: Mapping[str, Track], motions: Mapping[str, Motion], before: Single, answers: Mapping[str, Answer]
     ) -> tuple[dict[str, Track], dict[str, Array], tuple[object, ...]]:
         """Tracks after motions, from the displacement before and as the tissue answers at their end; where to."""
         found: dict[str, Track] = {}
         predicted: dict[str, Array] = {}
         events: list[object] = []
         for name, track in tracks.items():
-            motion = motions[name]
-            moved = self.medium.moved(before, track.places)
-            later = moved if answered.moved is before else self.medium.moved(answered.moved, track.places)
-            answer = Answer(later, answered.forces[name], answered.share)
-            push = Push(self.medium, name, motion, before, self.grip)
-            found[name], predicted[name], met = push.of(track, moved, answer)
+            push = Push(self.medium, name, motions[name], before, self.grip)
+            found[name], predicted[name], met = push.of(track, answers[name])
             events += met
         return found, predicted, tuple(events)
 
@@ -188,8 +173,15 @@ def force_of(track: Track, needle: Needle) -> NeedleForce:
     """Return what a needle feels."""
     forces = track.forces(needle) / MILLI
     levers = np.minimum(track.anchors, needle.depth)
-    moment = -np.cross(needle.direction, levers @ forces)
+    (x, y, z), (a, b, c) = needle.direction.tolist(), (levers @ forces).tolist()
+    moment = b * z - c * y, c * x - a * z, a * y - b * x
     return NeedleForce.along(needle.direction, forces.sum(axis=0), moment_nmm=moment)
+
+
+def _missed(track: Track, predicted: Array) -> float:
+    """How far points are from where friction was to bring them: forces found anew change no more than that."""
+    least = _LEAST_MM * np.sqrt(len(track))
+    return float(np.linalg.norm(track.moved - predicted) / max(float(np.linalg.norm(track.moved)), least))
 
 
 def _changed(before: Track, after: Track, needle: Needle) -> float:

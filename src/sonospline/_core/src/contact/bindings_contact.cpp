@@ -5,10 +5,10 @@
 
 #include <algorithm>
 #include <tuple>
-#include <vector>
 
 #include "contact/clipped_forces.hpp"
 #include "contact/shaft_forces.hpp"
+#include "contact/track.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -39,49 +39,66 @@ auto clipped_forces(const Square &compliance, const Values &apart, const Values 
     return std::tuple(out, taken);
 }
 
-auto stick_slip(const Square &compliance, const Values &behind, const Values &end, const Values &bond,
-                const Values &anchors, const Values &axial, double tip, const Marks &sliding, const Values &bounds,
-                double limit, double slow, int sweeps, double tolerance) {
-    const std::size_t m = behind.size();
-    require(compliance.shape(0) == m && compliance.shape(1) == m, "compliance is not square, of the length of behind");
-    for (const Values *values : {&end, &anchors, &axial, &bounds})
-        require(values->size() == m, "end, anchors, axial or bounds is not of the length of behind");
-    require(sliding.size() == m, "sliding is not of the length of behind");
-    require(bond.size() == m + 1, "bond is not one longer than behind");
-    for (std::size_t i = 0; i < m; ++i) {
-        require(compliance.data()[i * m + i] >= 0, "compliance has a diagonal below 0");
-        require(bounds.data()[i] >= 0, "bounds or limit is below 0");
-    }
-    require(std::all_of(bond.data(), bond.data() + m + 1, [](double x) { return x > 0; }), "bond is not above 0");
-    require(limit >= 0, "bounds or limit is below 0");
-    require(slow >= 0, "slow is below 0");
-    require(sweeps >= 0 && sweeps <= 100'000, "sweeps is not between 0 and 100000");
-    auto forces = new_array<double, 1>({m}), places = new_array<double, 1>({m});
-    double ahead;
-    {
-        const Outside outside;
-        std::copy_n(axial.data(), m, forces.data());
-        std::copy_n(anchors.data(), m, places.data());
-        const sono::ShaftPoints shaft{compliance.data(), behind.data(), end.data(), bond.data(),
-                                      bounds.data(),     sliding.data(), m,         limit};
-        ahead = sono::stick_slip(shaft, {slow, sweeps, tolerance}, forces.data(), places.data(), tip);
-    }
-    return std::tuple(forces, places, tip, ahead);
+/// A new array with the values of one that is read.
+template <class T> auto copied(const Array<T, -1> &values) {
+    auto copy = new_array<T, 1>({values.size()});
+    std::copy_n(values.data(), values.size(), copy.data());
+    return copy;
 }
 
-auto forces_across(const Square &compliance, const Array<double, 2, 3> &axes, const Marks &held, const Rows &wanted,
-                   double soft, double least) {
-    const std::size_t m = held.size(), n = wanted.shape(0);
+auto copied(const Rows &values) {
+    auto copy = new_array<double, 2>({values.shape(0), 3});
+    std::copy_n(values.data(), values.size(), copy.data());
+    return copy;
+}
+
+auto cut_on(const Square &compliance, const Values &behind, const Values &bond, const Array<double, 4, -1> &resistance,
+            const Values &anchors, const Values &axial, double tip, double cut, const Marks &sliding, const Marks &used,
+            double apart, double reuse, double speed, double membrane, double rupture, double slow, int sweeps,
+            double tolerance, double ends, double grown, int most) {
+    const std::size_t m = behind.size();
+    require(m > 0 && compliance.shape(0) == m && compliance.shape(1) == m,
+            "compliance is not square, of the length of behind");
+    require(anchors.size() == m && axial.size() == m, "anchors or axial is not of the length of behind");
+    require(sliding.size() == m && used.size() == m, "sliding or used is not of the length of behind");
+    require(bond.size() == m + 1, "bond is not one longer than behind");
+    require(resistance.shape(1) == m, "resistance is not four of the length of behind");
+    for (std::size_t i = 0; i < m; ++i) require(compliance.data()[i * m + i] >= 0, "compliance has a diagonal below 0");
+    const auto not_below = [](double x) { return x >= 0; };
+    require(std::all_of(resistance.data(), resistance.data() + 4 * m, not_below) && rupture >= 0,
+            "resistance or rupture is below 0");
+    require(std::all_of(bond.data(), bond.data() + m + 1, [](double x) { return x > 0; }), "bond is not above 0");
+    require(slow >= 0, "slow is below 0");
+    require(sweeps >= 0 && sweeps <= 100'000 && most >= 0 && most <= 100'000,
+            "sweeps or most is not between 0 and 100000");
+    auto places = copied(anchors), forces = copied(axial), bounds = new_array<double, 1>({m});
+    auto slides = copied(sliding), left = copied(used);
+    sono::Track track{{behind.data(), behind.data() + m}, {}, places.data(), forces.data(), slides.data(), left.data(),
+                      tip, cut, cut};
+    bool breaks;
+    {
+        const Outside outside;
+        breaks = sono::cut_on({compliance.data(), bond.data(), resistance.data(), m, apart, reuse, speed, membrane, rupture},
+                              {{slow, sweeps, tolerance}, ends, grown, most}, track);
+        std::copy_n(track.bounds.data(), m, bounds.data());
+    }
+    return std::tuple(places, forces, track.tip, track.cut, slides, left, bounds, track.reached, breaks);
+}
+
+auto held_across(const Square &compliance, const Rows &places, const Array<double, 3> &axis, const Marks &held,
+                 const Rows &offsets, const Rows &lateral, double share, double bond, double soft, double least) {
+    const std::size_t m = held.size();
     require(compliance.shape(0) == 3 * m && compliance.shape(1) == 3 * m, "compliance is not square, of three times held");
-    require(soft >= 0 && least >= 0, "soft or least is below 0");
-    std::vector<std::size_t> which;
-    for (std::size_t i = 0; i < m; ++i)
-        if (held.data()[i]) which.push_back(i);
-    require(which.size() == n, "wanted is not of the points held");
-    auto out = new_array<double, 2>({n, 3});
+    for (const Rows *rows : {&places, &offsets, &lateral})
+        require(rows->shape(0) == m, "places, offsets or lateral is not of held");
+    require(share > 0, "share is not above 0");
+    require(bond >= 0 && soft >= 0 && least >= 0, "bond, soft or least is below 0");
+    const auto count = m - static_cast<std::size_t>(std::count(held.data(), held.data() + m, 0));
+    auto forces = copied(lateral), beside = copied(offsets);
     const Outside outside;
-    sono::forces_across({compliance.data(), axes.data(), which.data(), n, m, soft, least}, wanted.data(), out.data());
-    return out;
+    sono::held_across({compliance.data(), places.data(), axis.data(), held.data(), count, m, share, bond, soft, least},
+                      beside.data(), forces.data());
+    return std::tuple(forces, beside);
 }
 
 }  // namespace
@@ -89,7 +106,9 @@ auto forces_across(const Square &compliance, const Array<double, 2, 3> &axes, co
 void bind_contact(nb::module_ &m) {
     m.def("clipped_forces", &clipped_forces, "compliance"_a, "apart"_a, "low"_a, "high"_a, "start"_a, "sweeps"_a,
           "tolerance"_a);
-    m.def("stick_slip", &stick_slip, "compliance"_a, "behind"_a, "end"_a, "bond"_a, "anchors"_a, "axial"_a, "tip"_a,
-          "sliding"_a, "bounds"_a, "limit"_a, "slow"_a, "sweeps"_a, "tolerance"_a);
-    m.def("forces_across", &forces_across, "compliance"_a, "axes"_a, "held"_a, "wanted"_a, "soft"_a, "least"_a);
+    m.def("cut_on", &cut_on, "compliance"_a, "behind"_a, "bond"_a, "resistance"_a, "anchors"_a, "axial"_a, "tip"_a,
+          "cut"_a, "sliding"_a, "used"_a, "apart"_a, "reuse"_a, "speed"_a, "membrane"_a, "rupture"_a, "slow"_a, "sweeps"_a,
+          "tolerance"_a, "ends"_a, "grown"_a, "most"_a);
+    m.def("held_across", &held_across, "compliance"_a, "places"_a, "axis"_a, "held"_a, "offsets"_a, "lateral"_a, "share"_a,
+          "bond"_a, "soft"_a, "least"_a);
 }

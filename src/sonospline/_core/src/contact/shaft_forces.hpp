@@ -9,7 +9,6 @@ namespace sono {
 /// m points of tissue along a shaft, seen along its axis.
 struct ShaftPoints {
     const double *compliance;     // (m, m), symmetric
-    const double *behind;         // (m,): how far behind the tip the needle is at each of them, under the forces of before
     const double *end;            // (m,): their share in the point that the tip is at
     const double *bond;           // (m + 1,): how far a force moves a point along the shaft that it sticks to; the tip's last
     const double *bounds;         // (m,): of friction
@@ -25,19 +24,20 @@ struct Search {
     double tolerance;
 };
 
-/// Finds axial (m,), anchors (m,) and the tip's force, which hold those of before; returns how far tissue is ahead of the tip.
-double stick_slip(const ShaftPoints &shaft, const Search &search, double *axial, double *anchors, double &tip);
+/// Finds axial (m,), anchors (m,), the tip's force, and how far behind the tip the needle is at each point, which all hold
+/// those of before.
+void stick_slip(const ShaftPoints &shaft, const Search &search, double *behind, double *axial, double *anchors,
+                double &tip);
 
-/// n of m points, a compliance (3 m, 3 m) of all of them, symmetric, and two axes (2, 3) across a shaft.
+/// m points, n of which a shaft holds, a compliance (3 m, 3 m) of all of them, symmetric, and its axis, a unit vector.
 struct HeldPoints {
-    const double *compliance, *axes;
-    const std::size_t *held;
+    const double *compliance, *places, *axis;
+    const std::uint8_t *held;  // (m,)
     std::size_t count, of;
-    double soft;  // of a point's own compliance, in which it gives way to the shaft
-    double least;
+    double share, bond, soft, least;
 };
 
-/// The forces (n, 3) across the shaft that move points by `wanted` (n, 3).
-void forces_across(const HeldPoints &points, const double *wanted, double *forces);
+/// Finds the forces (m, 3) across the shaft, and how far beside it points are to be; both hold those of before.
+void held_across(const HeldPoints &points, double *offsets, double *lateral);
 
 }  // namespace sono
