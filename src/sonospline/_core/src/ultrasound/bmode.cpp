@@ -12,6 +12,7 @@ namespace sono {
 namespace {
 
 constexpr std::size_t kCellsPerBlock = 512, kRowsPerBlock = 32;
+constexpr std::size_t kLeastStripLines = 16, kMostStripLines = 64;
 constexpr int kRaysPerBlock = 8, kLinesPerBlock = 8;
 constexpr std::size_t kLineApart = 32;   // floats between two lines: a power of two apart, they would share a part of the cache
 constexpr std::size_t kPieceFloats = 512;
@@ -60,9 +61,13 @@ void BmodeRenderer::render(const Aim &aim, const FrameInput &in, const FrameOutp
                               static_cast<float>(in.field.spacing[2])};
     const std::size_t ray_blocks = blocks_of(probe_.rays, kRaysPerBlock);
     const std::size_t lines = static_cast<std::size_t>(probe_.beam.lines);
+    // equal strips for each thread, as wide as the second cache lets them be: what crosses their edges is heard twice
+    const auto threads = static_cast<std::size_t>(thread_count());
+    const std::size_t each = blocks_of(lines, threads * blocks_of(lines, threads * kMostStripLines));
+    strip_lines_ = static_cast<int>(std::max(each, kLeastStripLines));
     const std::vector<std::size_t> blocks = {ray_blocks + blocks_of(aim.cells.count, kCellsPerBlock),
-                                             blocks_of(lines, kStripLines), blocks_of(lines, kLinesPerBlock),
-                                             blocks_of(probe_.rows, kRowsPerBlock)};
+                                             blocks_of(lines, static_cast<std::size_t>(strip_lines_)),
+                                             blocks_of(lines, kLinesPerBlock), blocks_of(probe_.rows, kRowsPerBlock)};
     parallel_phases(blocks, [&](std::size_t phase, std::size_t block) {
         const int number = static_cast<int>(block);
         if (phase == 0 && block < ray_blocks) {
@@ -160,19 +165,20 @@ void BmodeRenderer::gain_of(const FrameInput &in, int line, float *gain) const {
 
 void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
     const BmodeKernels &kernel = *kernels().bmode;
-    const int first_line = number * kStripLines, samples = probe_.beam.samples;
+    const int first_line = number * strip_lines_, samples = probe_.beam.samples;
     const std::size_t row = 2 * static_cast<std::size_t>(2 * samples + 2 * kBinPad);
     thread_local std::vector<float> grid, scratch, gain;
-    grid.assign((kStripLines + 2) * row, 0.0f);  // one line more on either side
+    grid.assign((static_cast<std::size_t>(strip_lines_) + 2) * row, 0.0f);  // one line more on either side
     scratch.resize(4 * static_cast<std::size_t>(samples + kBinPad) + kEchoSlack);
     gain.resize(2 * static_cast<std::size_t>(samples));
     kernels().echo->splat(probe_.beam, aim.cells, aim.surfaces.starts, amplitude_.data(), polynomials_.data(), spans_.data(),
-                          first_line, grid.data(), row);
+                          first_line, strip_lines_, grid.data(), row);
     for (std::size_t i = 0; i < in.echo_count; ++i) {
         const float *echo = in.echoes + 4 * i;
         const float whole_line = std::floor(echo[0]), whole_bin = std::floor(echo[1]);
         const float r = whole_line - static_cast<float>(first_line - 1), b = whole_bin + kBinPad;
-        if (!(r >= 0 && r <= kStripLines && b >= 0 && b < static_cast<float>(2 * samples + 2 * kBinPad - 2))) continue;
+        if (!(r >= 0 && r <= static_cast<float>(strip_lines_))) continue;
+        if (!(b >= 0 && b < static_cast<float>(2 * samples + 2 * kBinPad - 2))) continue;
         const float across = echo[0] - whole_line, along = echo[1] - whole_bin;
         float *at = grid.data() + static_cast<std::size_t>(r) * row + 2 * static_cast<std::size_t>(b);
         for (int side = 0; side < 2; ++side, at += row)
@@ -181,7 +187,7 @@ void BmodeRenderer::strip(const Aim &aim, const FrameInput &in, int number) {
                 at[2 * half] += weight * echo[2], at[2 * half + 1] += weight * echo[3];
             }
     }
-    for (int l = first_line; l < std::min(probe_.beam.lines, first_line + kStripLines); ++l) {
+    for (int l = first_line; l < std::min(probe_.beam.lines, first_line + strip_lines_); ++l) {
         gain_of(in, l, gain.data());
         kernel.axial(probe_.axial_half, probe_.axial, grid.data() + static_cast<std::size_t>(l - first_line + 1) * row,
                      static_cast<std::size_t>(samples), gain.data(), scratch.data(),

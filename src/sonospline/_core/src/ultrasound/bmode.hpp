@@ -88,6 +88,7 @@ class BmodeRenderer {
 
     const ProbeTables probe_;
     const std::size_t stride_;       // floats of a line in beams_
+    int strip_lines_ = 0;
     std::vector<float> beams_;       // (lines, samples, 2), after the pulse
     std::vector<float> transmitted_; // (rays, ray_samples) amplitude left
     std::vector<float> taps_;        // lateral taps, each twice: for real and imaginary parts

@@ -8,7 +8,7 @@
 
 namespace sono {
 
-constexpr int kStripLines = 32;
+constexpr int kStripLines = 32;        // among which cells are sorted
 constexpr int kFrameFloats = 16;       // of one cell: see CellFrame
 constexpr int kSurfaceFloats = 5;     // of one scatterer on a surface: see Surfaces
 constexpr int kPolynomialFloats = 32;  // of one cell: 1 u v w uv uw vw uvw, each lateral, elevation, axial; then 0, or in the first whether the beams lie narrow
@@ -74,10 +74,11 @@ struct EchoKernels {
     /// normals (n' = F^-T n)
     void (*reflect)(const BeamGeometry &, const Cells &, const Surfaces &, const float *polynomials, const LineSpan *spans,
                     std::size_t first, std::size_t last, std::int16_t *amplitude);
-    /// Adds every scatterer to lines first_line - 1 to first_line + kStripLines of `strip`; row r of it holds
+    /// Adds every scatterer to lines first_line - 1 to first_line + lines of `strip`; row r of it holds
     /// line first_line - 1 + r. Those on surfaces have their amplitudes in `turned`
     void (*splat)(const BeamGeometry &, const Cells &, const std::int32_t *surface_starts, const std::int16_t *turned,
-                  const float *polynomials, const LineSpan *spans, int first_line, float *strip, std::size_t row);
+                  const float *polynomials, const LineSpan *spans, int first_line, int lines, float *strip,
+                  std::size_t row);
 };
 
 struct BmodeKernels {

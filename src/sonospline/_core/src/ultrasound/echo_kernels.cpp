@@ -184,7 +184,7 @@ constexpr int kSoon = 64;  // scatterers further, to be fetched from memory
 // Hears scatterers [at, end) of a cell, at most kEnough. Copies, since a compiler cannot know what `heard` overlaps.
 template <Fan fan>
 void hear(BeamGeometry beam, Cells cells, CellFrame frame, const float *polynomial, float cut, std::int32_t at,
-          std::int32_t end, int first_line, Heard &heard) {
+          std::int32_t end, int first_line, int lines, Heard &heard) {
     float c[kPolynomialFloats];
     std::memcpy(c, polynomial, sizeof c);
     int count = heard.count;
@@ -214,7 +214,7 @@ void hear(BeamGeometry beam, Cells cells, CellFrame frame, const float *polynomi
         const VecF line = clamp(across * beam.lines_per_step + frame.line, -4.0f, static_cast<float>(beam.lines) + 4.0f);
         floor_of(line, whole);
         whole -= first_line - 1;
-        unsigned lanes = bits_of(within & (whole >= 0) & (whole <= kStripLines));
+        unsigned lanes = bits_of(within & (whole >= 0) & (whole <= lines));
         if (end - at < kWidth) lanes &= (1u << (end - at)) - 1;
         const Packed packed(lanes);
         packed.store(heard.elevation + count, elevation);
@@ -270,8 +270,8 @@ void add(const BeamGeometry &beam, Heard &heard, int first_line, float *strip, s
 }
 
 void splat(const BeamGeometry &beam, const Cells &cells, const std::int32_t *surface_starts, const std::int16_t *turned,
-           const float *polynomials, const LineSpan *spans, int first_line, float *strip, std::size_t row) {
-    const int from = first_line - 1, to = first_line + kStripLines - 1;
+           const float *polynomials, const LineSpan *spans, int first_line, int lines, float *strip, std::size_t row) {
+    const int from = first_line - 1, to = first_line + lines - 1;
     Cells turning = cells;
     turning.amplitude = turned;
     Heard heard;
@@ -282,7 +282,7 @@ void splat(const BeamGeometry &beam, const Cells &cells, const std::int32_t *sur
         const float cut = widest_cut(beam, cells.frames[cell], c);
         const auto hear_from = [&](const Cells &from, std::int32_t first, std::int32_t end) {
             for (; first < end; first += Heard::kEnough) {
-                hear_some(beam, from, cells.frames[cell], c, cut, first, std::min(end, first + Heard::kEnough), first_line, heard);
+                hear_some(beam, from, cells.frames[cell], c, cut, first, std::min(end, first + Heard::kEnough), first_line, lines, heard);
                 if (heard.count >= Heard::kEnough) add(beam, heard, first_line, strip, row);
             }
         };
