@@ -82,6 +82,14 @@ def test_pulled_back_a_little_the_tissue_goes_with_the_needle():
     assert moved(inside[-1], 20.0) - moved(back[-1], 20.0) == pytest.approx(0.8, rel=0.05)
 
 
+def test_a_needle_that_turns_back_takes_hardly_more_than_an_iteration_a_frame():
+    """The field goes on as it last went, by what the compliance along the track says: a tenth of it a frame."""
+    inside = driven(made(), [*way(0, 20), *way(20, 24, step=0.25)])[-1]
+    back = driven(made(), way(24, 18, step=0.25), inside.state)
+    assert sum(response.state.solution.iterations for response in back) <= 28  # of 24 frames; 45 from where it was
+    assert max(response.error_estimate for response in back) < 0.02
+
+
 def test_pulled_out_tissue_stands_outward_where_pushing_held_it_inward():
     found = driven(made(), way(0, 60, 40))
     pushed, pulled = found[59], found[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,10 @@ _LEAST_MM = 0.05
 """Displacement that an error is relative to, at least: between pushing and pulling there is none."""
 _LOST = 30.0
 """Error from which on forces and field run away from each other; a shaft that lets go at once changes twice of all."""
+_ALIKE, _MOST = 0.5, 5.0
+"""Square of the cosine between two changes from which on the next is that much of the last, and times that, at most."""
+_ROUGH = 0.3
+"""What an iteration leaves of the error of such a guess, at least: that is rougher than others."""
 _BEGIN = 1e-6
 """Depth of a needle that is about to enter."""
 
@@ -45,6 +49,8 @@ class Pushed(NamedTuple):
     events: tuple[object, ...]
     error: float
     """Of the field, relative, because its forces are not quite those of its own displacement."""
+    earlier: Single
+    """(3, nx, ny, nz) displacement before its last part."""
 
 
 @dataclass(frozen=True)
@@ -78,20 +84,23 @@ class NeedlesInTime:
         tracks: Mapping[str, Track],
         needles: Mapping[str, Needle],
         dt: float,
+        earlier: Single,
     ) -> Pushed:
-        """Bring needles to their poses, some time after a state."""
+        """Bring needles to their poses, some time after a state and the displacement before that."""
         ways = {name: self._from(last.get(name), tracks.get(name), needle) for name, needle in needles.items()}
         found = {name: track for name, (_, track) in ways.items()}
         motions = {name: Motion.of(begin, needles[name], dt) for name, (begin, _) in ways.items()}
+        pushed = Pushed(state, found, (), 0.0, earlier)
         events: tuple[object, ...] = ()
-        error = 0.0
         parts = self._parts(motions)
         for part in parts:
-            state, found, more, error = self._step(state, found, part, dt / len(parts))
-            events += more
-        return Pushed(state, found, events, error)
+            pushed = self._step(pushed.tissue, pushed.tracks, part, dt / len(parts), pushed.earlier)
+            events += pushed.events
+        return pushed._replace(events=events)
 
-    def _step(self, state: RelaxingState, begun: dict[str, Track], motions: Mapping[str, Motion], dt: float) -> Pushed:
+    def _step(
+        self, state: RelaxingState, begun: dict[str, Track], motions: Mapping[str, Motion], dt: float, earlier: Single
+    ) -> Pushed:
         """Move needles, let the tissue answer, and correct what the compliance along the tracks has predicted.
 
         What a needle has cut, and where it has slipped, stays so: where the prediction was wrong, the needles are moved
@@ -107,7 +116,7 @@ class NeedlesInTime:
             for name, track in begun.items()
         }
         tracks, predicted, events = self._pushed(begun, motions, before, answers)
-        state = self._advanced(state, tracks, needles, dt, self.budget)
+        state = self._advanced(self._guess(state, earlier, tracks, predicted), tracks, needles, dt, self.budget)
         taken = state.solution.iterations
         while True:
             now = state.solution.displacement
@@ -119,9 +128,28 @@ class NeedlesInTime:
                 again, predicted, met = self._pushed(anew, motions, before, answers)
                 error = max(_changed(tracks[name], again[name], needle) for name, needle in needles.items())
             if error <= self.tolerance or taken >= self.budget:
-                return Pushed(state, tracks, events, _believed(error))
+                return Pushed(state, tracks, events, _believed(error), before)
             state = self._advanced(state, again, needles, 0.0, self.budget - taken)
             tracks, events, taken = again, met, taken + state.solution.iterations
+
+    def _guess(
+        self, state: RelaxingState, earlier: Single, tracks: Mapping[str, Track], predicted: Mapping[str, Array]
+    ) -> RelaxingState:
+        """A state to iterate from, its displacement carried on as it last went to bring points where they are to be.
+
+        A hand goes on, or back, in much the same way from frame to frame, and so does the field.
+        """
+        wrong = max((_missed(tracks[name], to) for name, to in predicted.items()), default=0.0)
+        if wrong <= self.tolerance or not self.tissue.uniform:
+            return state
+        last = np.vstack([track.moved - self._moved(earlier, track) for track in tracks.values()]).ravel()
+        wanted = np.vstack([to - tracks[name].moved for name, to in predicted.items()]).ravel()
+        alike, size = float(last @ wanted), float(last @ last)
+        if alike**2 <= _ALIKE * size * float(wanted @ wanted) or abs(alike) > _MOST * size:
+            return state
+        solution, now = state.solution, state.solution.displacement
+        guess, contraction = now + np.float32(alike / size) * (now - earlier), max(solution.contraction, _ROUGH)
+        return replace(state, solution=replace(solution, displacement=guess, contraction=contraction))
 
     def _parts(self, motions: Mapping[str, Motion]) -> list[dict[str, Motion]]:
         """A long way in parts: what the compliance predicts of a field is not the field."""

@@ -229,10 +229,11 @@ class ElasticModel(TissueModel):
         self, in_time: NeedlesInTime, state: ElasticTissueState, needles: dict[str, Needle], dt: float, looks: int
     ) -> Response:
         before = state.tissue or in_time.tissue.rest
-        found = in_time.step(before, dict(state.needles), dict(state.tracks), needles, dt)
+        earlier = before.solution.displacement if state.earlier is None else state.earlier
+        found = in_time.step(before, dict(state.needles), dict(state.tracks), needles, dt, earlier)
         after = ElasticTissueState(
             self.identity, tuple(needles.items()), solution=found.tissue.solution, tracks=tuple(found.tracks.items()),
-            tissue=found.tissue, beside=found.error, looks=looks)  # fmt: skip
+            tissue=found.tissue, beside=found.error, earlier=found.earlier, looks=looks)  # fmt: skip
         return self._tracked(after, found.events)
 
     def _tracked(self, state: ElasticTissueState, events: tuple[object, ...]) -> Response:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...contact.track import Track
 from ...elasticity.state import ElasticState, RelaxingState
 from ...mechanics.shaft import Shaft
 from ..contract import State
+
+Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,5 +29,7 @@ class ElasticTissueState(State):
     """Of each needle that remembers."""
     tissue: RelaxingState | None = field(default=None, kw_only=True)
     """What tissue remembers, with the same solution; where needles have tracks."""
+    earlier: Single | None = field(default=None, kw_only=True)
+    """(3, nx, ny, nz) displacement of the solver's nodes a step before; where needles have tracks."""
     looks: int = field(default=0, kw_only=True)
     """Times that the tissue which the needles load was looked for since they came to rest; of tracks one at most."""
