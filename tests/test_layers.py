@@ -9,7 +9,8 @@ from sonospline.geometry.volume import Volume
 from sonospline.mechanics import LineForce, Material, TissueMap
 from sonospline.mechanics import layers as layers_module
 from sonospline.mechanics.cell_samples import CellSamples
-from sonospline.mechanics.layers import directions, excess_of_layers, turned
+from sonospline.mechanics.cell_slopes import directions
+from sonospline.mechanics.layers import excess_of_layers, turned
 
 SIDE = 100.0
 LOAD, NEEDLE = LineForce(30.0, 700.0, 5.0), ss.Needle((0, 30, 50), (60, 50, 50))
