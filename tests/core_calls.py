@@ -43,6 +43,7 @@ MULTIGRID = {
     "coarse_inverse": np.eye(54, dtype=np.float32) / 10,
     "layered": np.array([[0, 0, 0], [3, 1, 2]]),
     "excess": np.tile(np.eye(6, dtype=np.float32), (2, 1, 1)),
+    "springs": np.ones((3, *(n + 1 for n in CELLS[0])), np.float32),
 }
 HALF_FIXED = np.arange(125).reshape(5, 5, 5).astype(np.uint8) // 100
 GALERKIN = {

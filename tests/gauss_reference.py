@@ -3,7 +3,7 @@
 import numpy as np
 import pyamg
 import skfem
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, diags
 from skfem.helpers import ddot, div, sym_grad
 
 from judged_pass import mean_length
@@ -61,6 +61,12 @@ def field_under(tissue, moduli, load):
     corners = np.stack([number[where].ravel() for where in corner_slices(moduli.lame.shape)], axis=1)
     held = grid.on_faces(tissue.pinned_faces).ravel()
     held[corners[moduli.rigid.ravel()]] = True
+    springs = np.zeros((grid.node_count, 3))
+    of_bone = np.ravel_multi_index(tuple(moduli.bone.cells.T), moduli.lame.shape)
+    lame, shear = (values.ravel()[of_bone, None] for values in moduli.lame_moduli)
+    across = shear + (lame + shear) * moduli.bone.facing
+    stiff = 10 * np.prod(grid.spacing) ** (1 / 3) * moduli.bone.shares[..., None] * across[:, None]
+    np.add.at(springs, corners[of_bone], stiff)
     dilatation, distortion = cell_stiffness(np.array(grid.spacing))
     entries = moduli.lame.reshape(-1, 1, 1) * dilatation + moduli.shear.reshape(-1, 1, 1) * distortion
     layered = np.ravel_multi_index(tuple(moduli.layers.cells.T), moduli.lame.shape)
@@ -69,7 +75,8 @@ def field_under(tissue, moduli, load):
     unknowns = (3 * corners[:, :, None] + np.arange(3)).reshape(-1, 24)
     rows, columns = np.repeat(unknowns, 24, axis=1).ravel(), np.tile(unknowns, (1, 24)).ravel()
     free = np.flatnonzero(np.repeat(~held, 3))
-    matrix = coo_matrix((entries.ravel(), (rows, columns)), shape=(3 * grid.node_count,) * 2).tocsr()[free][:, free]
+    matrix = coo_matrix((entries.ravel(), (rows, columns)), shape=(3 * grid.node_count,) * 2).tocsr()
+    matrix = (matrix + diags(springs.ravel())).tocsr()[free][:, free]
     found = np.zeros(3 * grid.node_count)
     solver = pyamg.smoothed_aggregation_solver(matrix, B=rigid_motions(grid.points)[free])
     found[free] = solver.solve(load.reshape(-1)[free], tol=1e-8, accel="cg", maxiter=500)

@@ -19,6 +19,13 @@ def bone_of(contrast):
     return TissueMap(tissues.labels, {**tissues.materials, 1: bone})
 
 
+def bone_in_part(name="body"):
+    """A cube whose stiffest tissue is bone, which ends within cells of 9^3 nodes."""
+    tissues = labelled_cube(name, voxels=30)
+    hardest = max(tissues.materials, key=lambda label: tissues.materials[label].stiffness_kpa)
+    return TissueMap(tissues.labels, {**tissues.materials, hardest: Material(rigid=True)})
+
+
 def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **options):
     """Largest difference of the two converged fields, over the peak."""
     tissue = ss.Tissue(ss.Grid.unit_cube(nodes))

@@ -87,6 +87,7 @@ FAULTS = [
     *each("ElasticMultigrid", "degree", "degree", 0, -3, 10**6),
     *each("ElasticMultigrid", "coarse_inverse", "coarse_inverse", singles(53, 53), singles(54, 53), singles(1, 1)),
     *each("ElasticMultigrid", "layered and excess", "excess", singles(1, 6, 6)),
+    *each("ElasticMultigrid", "springs are not over the nodes", "springs", singles(3, 5, 5, 4), singles(3, 4, 5, 5)),
     *spoilt("ElasticMultigrid", "layered has a cell", "layered", ((0, 1), -1), ((1, 0), 4), ((1, 2), 2**40)),
     *each("ElasticMultigrid.iterate", "values", "load", singles(3, 5, 5, 6)),
     *each("ElasticMultigrid.iterate", "values", "start", singles(3, 5, 5, 6)),
@@ -233,7 +234,7 @@ def test_another_number_of_axes_or_a_type_without_order_is_refused(argument):
     function, arguments = prepared(_core.native, argument.call)
     array = arguments[argument.name]
     for wrong in (array[None], array[..., None], array.ravel()[0], array.astype(complex), array.astype(str), None):
-        if wrong is None and argument.name in ("seen", "out"):
+        if wrong is None and argument.name in ("seen", "out", "springs"):
             continue
         with pytest.raises((TypeError, ValueError)):
             function(**arguments | {argument.name: wrong})
@@ -370,7 +371,7 @@ def test_thin_tissue_with_many_nodes_is_solved():
     cells = (2, 140, 140)
     levels = [((1.0, 1.0, 1.0), np.full(cells, 3, np.float32), np.ones(cells, np.float32))]
     arguments = MULTIGRID | {"levels": levels, "coarse_inverse": np.zeros((0, 0), np.float32)}
-    arguments |= {"layered": np.zeros((0, 3), np.int64), "excess": singles(0, 6, 6)}
+    arguments |= {"layered": np.zeros((0, 3), np.int64), "excess": singles(0, 6, 6), "springs": None}
     load = np.zeros((3, *np.add(cells, 1)), np.float32)
     load[0, 2, 70, 70] = 1
     u, errors, sound_ = _core.native.ElasticMultigrid(**arguments).iterate(load, np.zeros_like(load), 4, True)

@@ -8,7 +8,7 @@ import sonospline as ss
 from builds import INSTRUCTION_SETS, needs_core
 from sonospline import _core
 from sonospline._core import cubic_axis, hexahedra, twin
-from sonospline._core.stencils import coarser, from_sparse, to_sparse
+from sonospline._core.stencils import coarser, from_sparse, hold, to_sparse
 from sonospline._core.twin import elastic as twin_elastic
 from sonospline._core.twin import elastic_inverse as twin_inverse
 from sonospline._core.twin import elastic_load as twin_load
@@ -60,9 +60,12 @@ def test_the_product_equals_that_of_the_assembled_matrix(native, isa, full, cell
     grids, layers = levels_over(cells, spacing), layers_in(cells)
     values = nodal(cells)
     shape = tuple(n + 1 for n in cells)
+    springs = springs_at(np.ones(shape, bool))
     matrix = hexahedra.stiffness(grids[0], full) + hexahedra.layer_stiffness(shape, grids[0][0], *layers)
+    matrix = matrix + sparse.diags(springs.ravel().astype(float))
     expected = (matrix @ values.ravel().astype(float)).reshape(values.shape)
-    found = native.ElasticMultigrid(grids, FIVE_PINNED, full, 3, NO_INVERSE, None, (), *layers).product(values)
+    solver = native.ElasticMultigrid(grids, FIVE_PINNED, full, 3, NO_INVERSE, None, (), *layers, springs)
+    found = solver.product(values)
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
@@ -82,6 +85,12 @@ def test_iterations_agree_with_the_twin(native, isa, pinned, cells, spacing):
     assert np.abs(ours - theirs).max() < 2e-5 * np.abs(theirs).max()
 
 
+def springs_at(free):
+    """Of some nodes that move, another along each axis."""
+    rng = np.random.default_rng(4)
+    return (10 * rng.random((3, *free.shape)) * (free & (rng.random(free.shape) < 0.2))).astype(np.float32)
+
+
 def beside_bone(cells, spacing, halved=(True, True, True)):
     """A level with random moduli and nodes that do not move, and two grids of Galerkin's below it."""
     (level,) = levels_over(cells, spacing, coarsenings=0)
@@ -90,8 +99,9 @@ def beside_bone(cells, spacing, halved=(True, True, True)):
     fixed[np.random.default_rng(3).random(fixed.shape) < 0.05] = 1
     first, second = coarser(fixed.shape, halved), coarser(coarser(fixed.shape, halved), halved)
 
-    def stencils(core):
+    def stencils(core, springs):
         of_cells = core.galerkin_of_cells(*level[1:], *hexahedra.cell_matrices(spacing, False), fixed, first)
+        hold(of_cells, springs)
         return [of_cells, core.galerkin_of_stencil(of_cells, second)]
 
     return level, fixed, stencils
@@ -101,9 +111,11 @@ def beside_bone(cells, spacing, halved=(True, True, True)):
 @pytest.mark.parametrize(("cells", "spacing"), BOXES)
 def test_coarse_operators_are_those_of_galerkin(backend, cells, spacing, halved):
     level, fixed, stencils = beside_bone(cells, spacing, halved)
-    of_cells, of_stencil = stencils(_core.active)
+    springs = springs_at(fixed == 0)
+    of_cells, of_stencil = stencils(_core.active, springs)
     move = np.tile(fixed.ravel() == 0, 3)
-    matrix = (hexahedra.stiffness(level, False).multiply(move).T.multiply(move)).tocsr()
+    matrix = hexahedra.stiffness(level, False) + sparse.diags(springs.ravel().astype(float))
+    matrix = (matrix.multiply(move).T.multiply(move)).tocsr()
     for found, fine in ((of_cells, fixed.shape), (of_stencil, of_cells.shape[1:])):
         axes = [twin_elastic.axis_transfer(f - 1, c - 1, True) for f, c in zip(fine, found.shape[1:], strict=True)]
         move = sparse.diags(np.tile(found[0].ravel() > 0, 3).astype(float))
@@ -128,11 +140,12 @@ def test_a_stencil_and_its_matrix_are_the_same(rng):
 def test_iterations_beside_bone_agree_with_the_twin(native, isa, cells, spacing):
     native.use_instruction_set(isa)
     level, fixed, stencils = beside_bone(cells, spacing)
+    springs = springs_at(fixed == 0)
     load, start = nodal(cells), 0.1 * nodal(cells, seed=2) * (fixed == 0)
     found = []
     for core in (native, twin):
-        coarse = [stencil for stencil in stencils(core) if stencil.any()]
-        solver = core.ElasticMultigrid([level], FIVE_PINNED, False, 3, NO_INVERSE, fixed, coarse)
+        coarse = [stencil for stencil in stencils(core, springs) if stencil.any()]
+        solver = core.ElasticMultigrid([level], FIVE_PINNED, False, 3, NO_INVERSE, fixed, coarse, springs=springs)
         found.append(solver.iterate(load, start, 4, True))
     (ours, errors, sound), (theirs, expected_errors, _) = found
     assert sound and not ours[:, fixed > 0].any()

@@ -61,12 +61,28 @@ def test_what_does_not_count_has_no_share_and_takes_no_cell():
     assert mixing_shares(stiffness, counted).T.tolist() == [[1, 0, 0, 0]]
 
 
-@pytest.mark.parametrize(("fraction", "rigid"), [(0.25 + 1 / 8, True), (0.25 + 3 / 16, False)])
-def test_rigid_tissue_takes_a_cell_by_majority_and_leaves_the_rest_soft(fraction, rigid):
-    moduli = halves(fraction, SOFT, BONE).moduli(ss.Grid.unit_cube(5))
-    assert moduli.rigid[:, 1, 1].tolist() == [False, rigid, True, True]
+def test_bone_takes_a_cell_that_it_fills_and_holds_the_corners_of_another():
+    moduli = halves(0.25 + 1 / 8, SOFT, BONE).moduli(ss.Grid.unit_cube(5))
+    assert moduli.rigid[:, 1, 1].tolist() == [False, False, True, True]
     assert moduli.shear == pytest.approx(SOFT.shear_modulus)
-    assert moduli.rigid_nodes[:, 2, 2].tolist() == [False, rigid, True, True, True]
+    assert moduli.rigid_nodes[:, 2, 2].tolist() == [False, False, True, True, True]
+    assert moduli.bone.cells[:, 0].tolist() == [1] * 16
+    np.testing.assert_allclose(moduli.bone.shares.sum(axis=1), 0.6)  # three of the five samples along the axis
+    np.testing.assert_allclose(moduli.bone.facing, [[1, 0, 0]] * 16)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("fifths", range(6))
+def test_a_wall_within_a_cell_stands_where_bone_begins(fifths, axis):
+    """Pulled at the free face, a bar moves by T w / E: that says where the wall is."""
+    soft, wall = Material(stiffness_kpa=1, poissons_ratio=0), 0.4 + 0.2 * (1 - fifths / 5)
+    tissues, (free, pinned) = halves(wall, soft, BONE, voxels=100, axis=axis), ("xyz"[axis] + side for side in "-+")
+    solver = ElasticSolver(ss.Tissue(ss.Grid.unit_cube(6), free, pinned_faces=(pinned,)), tissues, nodes=6**3)
+    forces = np.zeros((3, 6, 6, 6))
+    np.moveaxis(forces[axis], axis, 0)[0] = np.outer(*[[0.1, 0.2, 0.2, 0.2, 0.2, 0.1]] * 2)
+    state = solver.equilibrium(forces, tolerance=1e-5)
+    assert np.moveaxis(state.displacement[axis], axis, 0)[0].mean() == pytest.approx(wall, abs=0.1 * 0.2)
+    np.testing.assert_allclose(solver.reaction(state), -forces.sum(axis=(1, 2, 3)), atol=1e-4)
 
 
 def test_rigid_tissue_that_fills_the_box_is_refused():

@@ -12,7 +12,7 @@ import pytest
 
 import sonospline as ss
 from elastic_problems import largest_difference, manufactured_error, patch_error
-from labelled_tissue import away_from_reference, bone_of
+from labelled_tissue import away_from_reference, bone_in_part, bone_of
 from sonospline._extras import MissingExtraError
 from sonospline.fem import FiniteElementModel, fenicsx, reference_history
 from sonospline.fem.fenicsx import FEniCSx
@@ -89,6 +89,17 @@ def test_the_live_solver_converges_to_its_field_in_every_cube(name, ratio):
 
 def test_the_live_solver_converges_to_its_field_beside_rigid_bone():
     assert away_from_reference(bone_of(1e6), 9, engine="fenicsx", solver="direct") < 3e-4
+
+
+@pytest.mark.parametrize("load", [LineForce(), ShaftDisplacement(radius=0.1, tip_length=0.2)], ids=["force", "held"])
+def test_bone_that_ends_within_cells_holds_them_alike(an_oblique_needle, load):
+    """A shaft that is held takes the axes of the needle: springs turn with them."""
+    tissue = ss.Tissue(ss.Grid.unit_cube(9))
+    options = {"integration": "mean_dilatation", "solver": "direct"}
+    ours, theirs = both(tissue, load, an_oblique_needle, material=bone_in_part().moduli(tissue.grid), **options)
+    assert largest_difference(ours, theirs) < 1e-8
+    soft = FiniteElementModel(tissue, labelled_cube("body", voxels=30).moduli(tissue.grid), **options)
+    assert largest_difference(theirs, soft.solve(load, an_oblique_needle)) > 1e-4
 
 
 @pytest.mark.slow

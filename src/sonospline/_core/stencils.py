@@ -31,6 +31,35 @@ def nested(nodes: int, coarse: int) -> NDArray[np.int64]:
     return np.arange(nodes) if nodes == coarse else np.minimum(2 * np.arange(coarse), nodes - 1)
 
 
+def hold(stencil: Single, springs: Single) -> None:
+    """Add to the stencil of a coarser grid what springs (3, nx, ny, nz) at nodes of the finer become: P^T S P."""
+    moving, coarse = stencil[0] > 0, stencil.shape[1:]
+    held = np.argwhere(springs.any(axis=0))
+    axes = [_parents(n, m, at) for n, m, at in zip(springs.shape[1:], coarse, held.T, strict=True)]
+    parents, shares = [], []
+    for corner in np.ndindex(2, 2, 2):
+        node = tuple(first + second for (first, _), second in zip(axes, corner, strict=True))
+        share = np.prod([weight if second else 1 - weight for (_, weight), second in zip(axes, corner, strict=True)], 0)
+        node = tuple(np.minimum(at, m - 1) for at, m in zip(node, coarse, strict=True))  # beyond, a share is zero
+        parents.append(np.ravel_multi_index(node, coarse))
+        shares.append(share * moving[node])
+    amounts = springs[:, *held.T]
+    for p, q in np.ndindex(8, 8):
+        place = sum(step * ((q >> bit & 1) - (p >> bit & 1)) for step, bit in ((9, 2), (3, 1), (1, 0)))
+        if place >= 0:
+            for axis in range(3):
+                of_pair = amounts[axis] * shares[p] * shares[q]
+                stencil[9 * place + 4 * axis] += np.bincount(parents[p], of_pair, moving.size).reshape(coarse)
+
+
+def _parents(nodes: int, coarse: int, at: Index) -> tuple[Index, NDArray[np.float64]]:
+    """The first of the two coarse nodes that nodes of an axis lie between, and their share of the second."""
+    if nodes == coarse:
+        return at, np.zeros(len(at))
+    last = at == nodes - 1
+    return np.where(last, coarse - 1, at // 2), np.where(last, 0.0, at % 2 / 2)
+
+
 def to_sparse(stencil: Single) -> Any:
     """Return the operator as a sparse matrix over (component, node)."""
     from scipy.sparse import coo_matrix

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from .._core.hexahedra import Level, cell_matrices, free_nodes, stiffness
-from .._core.stencils import coarser, to_sparse
+from .._core.stencils import coarser, hold, to_sparse
 from ..geometry.grid import FACES
 from ..geometry.tissue import Tissue
 from ..mechanics.moduli import Moduli
@@ -37,7 +37,7 @@ def pinned_faces(tissue: Tissue) -> list[bool]:
 
 def is_hard(moduli: Moduli) -> bool:
     """Whether coarse grids need to know more of tissue than its mean moduli."""
-    return bool(moduli.rigid.any() or moduli.contrast >= _HARD)
+    return bool(moduli.rigid.any() or len(moduli.bone.cells) or moduli.contrast >= _HARD)
 
 
 def fixed_nodes(moduli: Moduli, tissue: Tissue) -> NDArray[np.uint8]:
@@ -55,6 +55,11 @@ def fixed_nodes(moduli: Moduli, tissue: Tissue) -> NDArray[np.uint8]:
             "give a larger box or more nodes"
         )
     return fixed.astype(np.uint8)
+
+
+def springs_of(moduli: Moduli, fixed: NDArray[np.uint8]) -> Single:
+    """Return the springs (3, nx, ny, nz) by which bone holds nodes that move a little."""
+    return np.where(fixed == 0, moduli.springs, 0).astype(np.float32)
 
 
 def levels(moduli: Moduli, tissue: Tissue) -> list[Level]:
@@ -94,6 +99,7 @@ def galerkin(moduli: Moduli, fixed: NDArray[np.uint8], full: bool) -> list[Singl
             found.append(_core.active.galerkin_of_stencil(found[-1], coarse))
         else:
             found.append(_core.active.galerkin_of_cells(lame, shear, *cell_matrices(sides, full), fixed, coarse))
+            hold(found[-1], springs_of(moduli, fixed))
         spacing, nodes, free = spacing * np.where(halved, 2, 1), coarse, int((found[-1][0] > 0).sum())
     return found if free else found[:-1]
 

@@ -329,8 +329,9 @@ class ElasticSolver:
 
         It balances the needle's load to the error of the state.
         """
-        missing = (self.forces(state.displacement) - state.load)[:, self._fixed != 0]
-        return self.grid.direction @ missing.sum(axis=1, dtype=np.float64)
+        missing = (self.forces(state.displacement) - state.load)[:, self._fixed != 0].sum(axis=1, dtype=np.float64)
+        held = state.displacement * hierarchy.springs_of(self.moduli, self._fixed)
+        return self.grid.direction @ (missing - held.sum(axis=(1, 2, 3), dtype=np.float64))
 
     def forces(self, displacement: Single) -> Single:
         """Return the forces on the nodes (3, nx, ny, nz) that hold a displacement, those of walls among them."""
@@ -367,8 +368,9 @@ class ElasticSolver:
         if hierarchy.is_hard(self.moduli):
             finest, stencils = [hierarchy.finest(self.moduli)], hierarchy.galerkin(self.moduli, self._fixed, full)
             inverse = hierarchy.inverse_of_stencil(stencils[-1]) if stencils else np.zeros((0, 0), np.float32)
+            springs = hierarchy.springs_of(self.moduli, self._fixed)
             multigrid = _core.active.ElasticMultigrid(
-                finest, pinned, full, degree, inverse, self._fixed, stencils, **layered
+                finest, pinned, full, degree, inverse, self._fixed, stencils, **layered, springs=springs
             )
             return FloatingFragments(multigrid, self.grid, fragments) if len(fragments) else multigrid
         grids = hierarchy.levels(self.moduli, self.tissue)

@@ -152,8 +152,15 @@ class TissueRelaxation:
         excess = moduli.layers.excess * share[tuple(moduli.layers.cells.T)][:, None, None]
         levels, pinned = [(spacing, lame * share, shear * share)], hierarchy.pinned_faces(solver.tissue)
         layers = {"layered": moduli.layers.cells, "excess": excess.astype(np.float32)}
+        springs = moduli.bone.at_nodes(lame * share, shear * share, spacing)
         return _core.active.ElasticMultigrid(
-            levels, pinned, solver.integration == "full", 1, np.zeros((0, 0), np.float32), **layers
+            levels,
+            pinned,
+            solver.integration == "full",
+            1,
+            np.zeros((0, 0), np.float32),
+            **layers,
+            springs=springs.astype(np.float32),
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -40,6 +40,9 @@ def cell_stiffness(moduli: Moduli) -> Array:
     layered = np.ravel_multi_index(tuple(layers.cells.T), moduli.shear.shape)
     strain = _mean_strain(sides)
     stiffness[layered] += np.prod(sides) * strain.T @ layers.excess @ strain
+    held = np.ravel_multi_index(tuple(moduli.bone.cells.T), moduli.shear.shape)
+    springs = moduli.bone.at_corners(moduli.lame, moduli.shear, moduli.grid.spacing)
+    stiffness[held[:, None], np.arange(24), np.arange(24)] += springs.reshape(-1, 24)
     return stiffness
 
 

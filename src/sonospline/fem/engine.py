@@ -81,6 +81,14 @@ class System:
         return lame, shear
 
     @property
+    def springs(self) -> Array:
+        """(N, 3, 3) by which bone that fills cells in part holds the nodes; (0, 3, 3) where there is none."""
+        if isinstance(self.material, Material) or not len(self.material.bone.cells):
+            return np.zeros((0, 3, 3))
+        along = self.material.springs.reshape(3, -1)
+        return np.einsum("an,ab,ac->nbc", along, self.axes, self.axes)
+
+    @property
     def layers(self) -> tuple[NDArray[np.int64], Array]:
         """Elements (n,) that are layered, and their excess stiffness (n, 6, 6) as in :class:`Layers`."""
         if isinstance(self.material, Material):

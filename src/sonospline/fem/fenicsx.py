@@ -113,6 +113,7 @@ def _arrays(system: System) -> dict[str, Array | NDArray[np.int64] | str | float
         "first_lame": lame,
         "shear_modulus": shear,
         "excess": excess,
+        "springs": system.springs,
         "integration": system.integration,
         "solver": system.solver,
         "tolerance": system.tolerance,

@@ -42,7 +42,7 @@ class Elasticity:
         from dolfinx import fem
 
         self._solver, self._tolerance = str(task["solver"]), float(task["tolerance"])
-        self._points = task["points"]
+        self._points, self._springs = task["points"], task["springs"]
         self._mesh = _mesh(self._points, task["cells"])
         self._space = space = _vector_space(self._mesh)
         self._dofs = _dofs_of_nodes(space, len(self._points))
@@ -83,6 +83,7 @@ class Elasticity:
         if self._stiffness is None or self._solver == "from_scratch":
             self._stiffness, self._given = petsc.assemble_matrix(self._stiffness_form), None
             self._stiffness.assemble()
+            self._hold()
         rows = (3 * self._dofs[:, None] + np.arange(3))[given].astype(np.int32)
         anew = self._given is None or not np.array_equal(self._given, given)
         if anew:
@@ -110,6 +111,13 @@ class Elasticity:
         clock.append(time.perf_counter())
         iterations = 0 if self._solver == "direct" else self._krylov.getIterationNumber()
         return {"displacement": displacement, "clock": clock, "iterations": iterations}
+
+    def _hold(self) -> None:
+        """Add the springs of nodes to the stiffness."""
+        for node in np.flatnonzero(self._springs.any(axis=(1, 2))):
+            rows = (3 * self._dofs[node] + np.arange(3)).astype(np.int32)
+            self._stiffness.setValues(rows, rows, self._springs[node], addv=True)
+        self._stiffness.assemble()
 
     def _new_krylov(self) -> Any:
         from petsc4py import PETSc

@@ -57,6 +57,8 @@ def assemble(system: System) -> Matrices:
             for (c, d), product in of_layered.items():
                 entries[..., layered] += excess[:, _VOIGT[a, c], _VOIGT[b, d]] * product
             blocks[:, a, b] = np.bincount(place, weights=entries.ravel())
+    if len(system.springs):
+        blocks[np.searchsorted(pairs, np.arange(nodes) * (nodes + np.int64(1)))] += system.springs
     starts = np.searchsorted(pairs, np.arange(nodes + 1) * nodes).astype(np.int32)
     numbers = (pairs % nodes).astype(np.int32)
     return Matrices(

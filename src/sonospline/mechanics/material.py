@@ -117,7 +117,7 @@ class Material:
     rigid: bool = field(
         default=False,
         metadata=_about(
-            "Bone: it does not move, as it hangs on the skeleton. A cell is all bone where half of it is, else none.",
+            "Bone: it does not move, as it hangs on the skeleton. Cells that it fills in part are held in part.",
             _validate.flag,
         ),
     )

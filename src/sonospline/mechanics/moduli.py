@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry.grid import Grid
 from .fragments import Numbers, corners_of
+from .held_bone import HeldBone
 from .layers import Layers
 from .material import Material
 
@@ -47,6 +48,8 @@ class Moduli:
         Number of the fragment, from 1 on, that a rigid cell moves with; 0 of rigid cells that do not move.
     layers : Layers, optional
         Cells that are stiffer along their layers than across; by default there are none.
+    bone : HeldBone, optional
+        Cells that are bone in part, which holds their corners; by default there are none.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Moduli:
     rigid: Cells = field(default_factory=lambda: np.zeros((0, 0, 0), bool))
     fragments: Numbers = field(default_factory=lambda: np.zeros((0, 0, 0), np.int32))
     layers: Layers = field(default_factory=Layers.none)
+    bone: HeldBone = field(default_factory=HeldBone.none)
 
     def __post_init__(self) -> None:
         cells = tuple(n - 1 for n in self.grid.shape)
@@ -107,7 +111,7 @@ class Moduli:
 
     def __repr__(self) -> str:
         """Name the moduli by all their values: kept results are found by it."""
-        arrays = (self.lame, self.shear, self.rigid, self.fragments, *self.layers)
+        arrays = (self.lame, self.shear, self.rigid, self.fragments, *self.layers, *self.bone)
         values = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:16]
         return f"Moduli({' x '.join(map(str, self.shear.shape))} cells, {values})"
 
@@ -125,6 +129,11 @@ class Moduli:
     def rigid_nodes(self) -> Cells:
         """Nodes (nx, ny, nz) that are a corner of a rigid cell."""
         return corners_of(self.rigid)
+
+    @cached_property
+    def springs(self) -> Array:
+        """Springs (3, nx, ny, nz) along the axes by which bone holds corners of cells that it fills in part; kPa mm."""
+        return self.bone.at_nodes(self.lame, self.shear, self.grid.spacing)
 
     @property
     def poissons_ratio(self) -> float:

@@ -21,6 +21,7 @@ from ..geometry.voxels_along import voxels_along
 from ..io.labels import labels_named, names_for, read_labels
 from .cell_samples import NO_BACKGROUND, CellSamples
 from .fragments import fragments_of
+from .held_bone import HeldBone
 from .layers import layers_of
 from .material import Material
 from .material_table import BACKGROUND, Materials, MaterialTable
@@ -152,7 +153,9 @@ class TissueMap:
 
         Such a cell takes the geometric mean, and is stiffer along its layers than across. Tissues
         more than a hundred times apart in shear modulus do not mix: the larger part takes the cell.
-        A cell half of which is rigid is rigid, and else what else it holds.
+        A cell is rigid that nothing else fills; one that bone fills in part is what else it holds, and its corners
+        are held by springs, see :class:`~sonospline.mechanics.held_bone.HeldBone`. Bone that floats takes the cells
+        half of which is rigid.
 
         Raises
         ------
@@ -163,12 +166,14 @@ class TissueMap:
         """
         cells = CellSamples(self.labels, self._places, grid, self._background)
         lame, shear = np.array([material.lame_moduli for material in self._materials]).T
-        soft = ~self._rigid
         _refuse_leaking(cells.mean(np.array([material.fluid for material in self._materials], float)))
-        rigid = cells.mean(soft.astype(float)) <= 0.5
-        if rigid.all():
+        bone = cells.mean(self._rigid.astype(float))
+        half = bone >= 0.5
+        if half.all():
             raise ValueError("labels: rigid tissue fills the box, so nothing can move; give a larger box or more nodes")
-        shares = mixing_shares(shear[cells.held], soft[cells.held])
+        floating = self._floating(cells, half)
+        rigid = floating | (bone == 1)
+        shares = mixing_shares(shear[cells.held], ~self._rigid[cells.held])
         moduli = []
         for values in (lame, shear):
             of_cells = values[cells.first]
@@ -177,8 +182,9 @@ class TissueMap:
             of_cells[rigid] = np.median(of_cells[~rigid])  # any will do, and this adds no contrast
             moduli.append(of_cells)
         layers = layers_of(cells, lame, shear, shares, ~rigid, np.array(grid.spacing))
-        floating = self._floating(cells, rigid)
-        return Moduli(grid, moduli[0], moduli[1], rigid, fragments_of(floating, rigid & ~floating), layers)
+        fragments = fragments_of(floating, half & ~floating)
+        held = HeldBone.of(cells, self._rigid & ~self._loose, ~rigid, np.array(grid.spacing))
+        return Moduli(grid, moduli[0], moduli[1], rigid, fragments, layers, held)
 
     def mean_of_cells(self, grid: Grid, of_labels: Mapping[int, Sequence[float]]) -> Array:
         """Return numbers of a grid's cells (k, cx, cy, cz) from k numbers for each label: means over what they hold.

@@ -107,6 +107,8 @@ class ElasticMultigrid:
         Index of cells of the finest level that resist more than their moduli say.
     excess : (n, 6, 6) ndarray, optional
         By so much, to their mean strain. It belongs to the operator, and not to the cycle.
+    springs : (3, nx, ny, nz) ndarray of float32, optional
+        That hold the nodes of the finest level along each axis, besides its cells; at or above zero.
     """
 
     def __init__(
@@ -120,6 +122,7 @@ class ElasticMultigrid:
         stencils: Sequence[Single] = (),
         layered: NDArray[np.int64] | None = None,
         excess: Single | None = None,
+        springs: Single | None = None,
     ) -> None:
         for spacing, lame, shear in levels:
             require(lame.shape == shear.shape, "lame and shear differ in shape")
@@ -133,6 +136,12 @@ class ElasticMultigrid:
         if fixed is not None:
             require(fixed.shape == operators[0][1].shape, "fixed is not over the nodes of the cells")
             operators[0][1][fixed != 0] = False
+        if springs is not None:
+            require(springs.shape == (3, *operators[0][1].shape), "springs are not over the nodes of the cells")
+            from scipy.sparse import diags
+
+            held = diags(springs.ravel().astype(float))
+            operators[0] = operators[0][0] + held, operators[0][1]
         for stencil in stencils:
             _require_coarser(operators[-1][1].shape, stencil.shape[1:])
             operators.append((to_sparse(stencil), stencil[0] > 0))

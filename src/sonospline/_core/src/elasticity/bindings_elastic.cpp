@@ -54,7 +54,7 @@ void require_coarser(const Lattice &nodes, const Lattice &coarse) {
 void make(sono::ElasticMultigrid *self, const nb::sequence &given, const std::array<bool, 6> &pinned,
           bool full, int degree, const Square &coarse_inverse, const std::optional<Mask> &fixed,
           const nb::sequence &given_stencils, const std::optional<Places> &layered,
-          const std::optional<Stiffness> &excess) {
+          const std::optional<Stiffness> &excess, const std::optional<Nodes> &springs) {
     const auto levels = items_of<std::tuple<std::array<double, 3>, Cells, Cells>>(given);
     std::vector<sono::ElasticLevelData> data;
     for (const auto &[spacing, lame, shear] : levels) {
@@ -66,6 +66,11 @@ void make(sono::ElasticMultigrid *self, const nb::sequence &given, const std::ar
     if (fixed && !data.empty()) {
         require_nodes_of(data.front().cells, *fixed);
         data.front().fixed = fixed->data();
+    }
+    if (springs && !data.empty()) {
+        for (std::size_t a = 0; a < 3; ++a)
+            require(springs->shape(a + 1) == data.front().cells[a] + 1, "springs are not over the nodes of the cells");
+        data.front().springs = springs->data();
     }
     const auto stencils = items_of<Stencil>(given_stencils);
     require(!levels.empty(), "levels is empty");
@@ -233,7 +238,7 @@ void bind_elastic(nb::module_ &m) {
     nb::class_<sono::ElasticMultigrid>(m, "ElasticMultigrid")
         .def("__init__", &make, "levels"_a, "pinned"_a, "full"_a, "degree"_a, "coarse_inverse"_a,
              "fixed"_a = nb::none(), "stencils"_a = nb::tuple(),
-             "layered"_a = nb::none(), "excess"_a = nb::none())
+             "layered"_a = nb::none(), "excess"_a = nb::none(), "springs"_a = nb::none())
         .def("iterate", &iterate, "load"_a, "start"_a, "iterations"_a, "estimate"_a)
         .def("product", &product, "values"_a);
     m.def("galerkin_of_cells", &galerkin_of_cells, "lame"_a, "shear"_a, "dilatation"_a, "distortion"_a, "fixed"_a,

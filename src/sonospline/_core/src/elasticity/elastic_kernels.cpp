@@ -170,7 +170,7 @@ struct Gather {
 
 // The nodes of a plane, and what a sweep does there. Copied into a loop, whose stores then cannot change it.
 template <Sweep kSweep> struct Plane {
-    const float *in, *b, *inverse_diagonal;
+    const float *in, *b, *inverse_diagonal, *springs;
     float *d, *out;
     std::ptrdiff_t component;
     float momentum, step;
@@ -180,6 +180,7 @@ template <Sweep kSweep> struct Plane {
         const std::ptrdiff_t shift = static_cast<std::ptrdiff_t>(i) * cells.plane;
         in = work.in + shift, b = work.b + shift, inverse_diagonal = work.inverse_diagonal + shift;
         d = work.d + shift, out = work.out + shift;
+        springs = cells.springs ? cells.springs + shift : nullptr;
     }
 
     VecF whole(int a, std::ptrdiff_t q, VecF force) const {
@@ -207,6 +208,7 @@ template <Sweep kSweep> struct Plane {
 
     VecF act(std::ptrdiff_t at, VecF force, VecF &moved, VecF &result) const {
         const VecF value = load(in + at);
+        if (springs) force += load(springs + at) * value;
         if constexpr (kSweep == Sweep::product) {
             result = force;
             return value * force;

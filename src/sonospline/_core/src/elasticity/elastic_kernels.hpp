@@ -24,6 +24,7 @@ struct ElasticCells {
     std::ptrdiff_t row, plane;  // floats from one node to the next along y and x
     std::ptrdiff_t component;   // floats from one component to the next, and from lame to the shear modulus
     const float *lame;          // of each cell, times a 16th of its volume; 0 where there is none
+    const float *springs;       // of each node, besides its cells; null where there are none
     float inverse[3];        // 1 / side
     bool full;               // full integration instead of the mean dilatation of each cell
 };

@@ -99,6 +99,10 @@ void ElasticLevel::take_moduli(const ElasticLevelData &data) {
                 shear[place(i, j, k)] = sixteenth * *from_shear;
             }
     cells_.lame = lame;
+    if (!data.springs) return;
+    springs_ = make_fields();
+    read(data.springs, springs_);
+    cells_.springs = springs_[0];
 }
 
 // The same of a cell at each of its corners: eight neighbours, seen through the zeros around the cells.
@@ -126,7 +130,8 @@ void ElasticLevel::find_diagonal(const ElasticLevelData &data) {
                 }
                 for (int a = 0; a < 3; ++a)
                     inverse_diagonal_[a][at] = 1 / (lame * squares[a] * (cells_.full ? 16.f / 9 : 1.f) +
-                                                    shear * (all + squares[a]) * (16.f / 9));
+                                                    shear * (all + squares[a]) * (16.f / 9) +
+                                                    (cells_.springs ? springs_[a][at] : 0));
             }
     });
 }

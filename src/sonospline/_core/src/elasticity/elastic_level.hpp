@@ -19,6 +19,7 @@ struct ElasticLevelData {
     std::array<bool, 6> pinned;   // faces x-, x+, y-, y+, z-, z+
     const std::uint8_t *fixed;    // nodes (nx, ny, nz) besides them; null where there are none
     bool full;                    // full integration instead of the mean dilatation of each cell
+    const float *springs = nullptr;  // that hold nodes (3, nx, ny, nz); null where there are none
 };
 
 /// An explicit operator over the nodes of a grid (126, nx, ny, nz): the blocks of kStencilOffsets.
@@ -114,6 +115,7 @@ class ElasticLevel {
     ElasticStencil stencil_{};  // in the place of the cells, where it has blocks
     bool some_fixed_ = false;   // nodes within the grid
     Buffer<float> memory_;      // of the moduli or blocks
+    Fields springs_;
     Fields inverse_diagonal_;
     std::size_t slabs_, tiles_;
     std::size_t scratch_size_;
