@@ -101,13 +101,17 @@ inline VecF in_cell(const std::uint16_t *place) { return load_u16(place) * (1.0f
 
 // Squared elevation beyond which nothing in a cell is heard.
 float widest_cut(const BeamGeometry &beam, const CellFrame &frame, const float *c) {
-    float reach = std::fabs(frame.range - beam.focus_mm);
-    for (int k = 0; k < 8; ++k) reach += std::fabs(c[4 * k]) + std::fabs(c[4 * k + 2]);
+    V4 sizes = {};
+    for (int k = 0; k < 8; ++k) {
+        const V4 v = load4(c + 4 * k);
+        sizes += v < 0.0f ? -v : v;
+    }
+    const float reach = std::fabs(frame.range - beam.focus_mm) + (sizes[0] + sizes[2]);
     return beam.cut_squared * (beam.focus_variance + beam.spread_squared * reach * reach);
 }
 
 void reflect(const BeamGeometry &beam, const Cells &cells, const Surfaces &surfaces, const float *polynomials,
-             const LineSpan *spans, std::size_t first, std::size_t last, std::int16_t *amplitude) {
+             const LineSpan *spans, std::size_t first, std::size_t last, std::int16_t *__restrict amplitude) {
     const float to_units = 1 / cells.amplitude_step;
     for (std::size_t cell = first; cell < last; ++cell) {
         const std::int32_t from = surfaces.starts[cell], to = surfaces.starts[cell + 1];
@@ -183,10 +187,8 @@ constexpr int kSoon = 64;  // scatterers further, to be fetched from memory
 
 // Hears scatterers [at, end) of a cell, at most kEnough. Copies, since a compiler cannot know what `heard` overlaps.
 template <Fan fan>
-void hear(BeamGeometry beam, Cells cells, CellFrame frame, const float *polynomial, float cut, std::int32_t at,
-          std::int32_t end, int first_line, int lines, Heard &heard) {
-    float c[kPolynomialFloats];
-    std::memcpy(c, polynomial, sizeof c);
+void hear(const BeamGeometry &beam, const Cells &cells, const CellFrame &frame, const float *c, float cut, std::int32_t at,
+          std::int32_t end, int first_line, int lines, Heard &__restrict heard) {
     int count = heard.count;
     for (; at < end; at += kWidth) {
         for (const std::uint16_t *soon : {cells.u, cells.v, cells.w}) __builtin_prefetch(soon + at + kSoon);
