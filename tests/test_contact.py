@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import sonospline as ss
 from real_anatomy import abdomen_cases
 from sonospline.contact import Left, Punctured
-from sonospline.elasticity import NotConvergedError
+from sonospline.elasticity import NotConvergedError, RelaxingSolver
 from sonospline.mechanics import Material, Membrane, TissueMap, labelled_cube
 from sonospline.models.elastic import ElasticModel
 
@@ -314,6 +314,21 @@ def test_in_tissue_that_relaxes_the_force_of_a_held_needle_falls_and_tissue_stay
     assert not held.settled
     at_once = model.step(inside.state, {"needle": needle(40.0)})
     assert axial(at_once) == pytest.approx(axial(inside), rel=0.02)
+
+
+def test_what_creeps_little_in_a_frame_is_not_solved_for(monkeypatch):
+    model = made(Material(10.0, relaxation_exponent=0.15), nodes=11**3, relaxation="tissue")
+    inside = driven(model, way(0, 40, step=2.0), dt=0.2)[-1]
+    solved, predicted = [], RelaxingSolver.predicted
+    monkeypatch.setattr(RelaxingSolver, "predicted", lambda *given: solved.append(given) or predicted(*given))
+    held = driven(model, [40.0] * 5, inside.state, dt=1 / 60)
+    assert not solved
+    driven(model, [40.0], inside.state, dt=1.0)
+    assert len(solved) == 1
+    monkeypatch.setattr(RelaxingSolver, "growth", lambda *given: np.inf)
+    as_solved = driven(model, [40.0] * 5, inside.state, dt=1 / 60)
+    assert axial(held[-1]) == pytest.approx(axial(as_solved[-1]), rel=2e-3)
+    assert axial(inside) - axial(held[-1]) > 0.02
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,13 @@ class RelaxingSolver:
         """
         return self.advance(state, state.forces, dt, budget=1)
 
+    def growth(self, state: RelaxingState, dt: float) -> float:
+        """Return about which part of itself displacement creeps by in dt if its forces stay.
+
+        Where tissue relaxes alike and the past forces were like the present ones; infinite where only a step can tell.
+        """
+        return self._relaxation.growth(state, _validate.number("dt", dt))
+
     def jump(self, dt: float) -> float:
         """Return how much of the elastic answer to a change of the forces over dt tissue gives at the end of dt.
 

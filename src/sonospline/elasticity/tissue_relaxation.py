@@ -75,6 +75,10 @@ class TissueRelaxation:
         """Return about how much of the elastic answer to a change of the forces over dt tissue gives at its end."""
         return 1 / float(self._stiffness(self._ramp(dt)).mean())
 
+    def growth(self, state: RelaxingState, dt: float) -> float:
+        """Return what says that it takes a step to know how displacement creeps."""
+        return float("inf")
+
     def effective(self, dt: float) -> ElasticSolver:
         """Return the solver of that answer."""
         return scaled(self.solver, self._stiffness(self._ramp(dt)))

@@ -48,6 +48,15 @@ class UniformRelaxation:
         """Return how much of the elastic answer to a change of the forces over dt tissue gives at its end."""
         return self._creep.jump(dt)
 
+    def growth(self, state: RelaxingState, dt: float) -> float:
+        """Return the part of itself that displacement grows by in dt if its forces stay, in the mean."""
+        load, felt = (
+            state.solution.load.ravel(),
+            self._felt(state.forces, self._lag(state, state.forces, dt), dt).ravel(),
+        )
+        size = float(np.einsum("i,i", load, load))
+        return float(np.einsum("i,i", felt, load)) / size - 1 if size > 0 else 0.0
+
     def effective(self, dt: float) -> ElasticSolver:
         """Return the solver of that answer."""
         return scaled(self.solver, np.full(self.solver.moduli.shear.shape, 1 / self.jump(dt)))

@@ -108,11 +108,17 @@ class NeedlesInTime:
         """
         relaxes = dt > 0 and len(self.tissue.times_s) > 0
         before = state.solution.displacement
-        ahead = self.tissue.predicted(state, dt).solution.displacement if relaxes else before
+        growth = self.tissue.growth(state, dt) if relaxes else 0.0
+        # What creeps by no more than fields may err does so everywhere alike: to solve for it takes an iteration.
+        ahead = self.tissue.predicted(state, dt).solution.displacement if abs(growth) > self.tolerance else None
         needles = {name: motion.needle for name, motion in motions.items()}
         share = self.tissue.jump(dt) if relaxes else 1.0
         answers = {
-            name: Answer(self._moved(ahead, track) if relaxes else track.moved, track.forces(motions[name].last), share)
+            name: Answer(
+                (1 + growth) * track.moved if ahead is None else self._moved(ahead, track),
+                track.forces(motions[name].last),
+                share,
+            )
             for name, track in begun.items()
         }
         tracks, predicted, events = self._pushed(begun, motions, before, answers)
