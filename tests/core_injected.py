@@ -15,7 +15,8 @@ def large_solver():
     cells = (5, 82, 82)
     level = ((1.0, 1.0, 1.0), np.full(cells, 3, np.float32), np.ones(cells, np.float32))
     coarser = ((1.0, 2.0, 2.0), np.full((5, 41, 41), 3, np.float32), np.ones((5, 41, 41), np.float32))
-    settings = {"levels": [level, coarser], "coarse_inverse": np.zeros((0, 0), np.float32)}
+    springs = np.zeros((3, *(n + 1 for n in cells)), np.float32)
+    settings = {"levels": [level, coarser], "coarse_inverse": np.zeros((0, 0), np.float32), "springs": springs}
     return _core.native.ElasticMultigrid(**MULTIGRID | settings)
 
 
