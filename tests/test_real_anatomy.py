@@ -11,7 +11,8 @@ import pytest
 import sonospline as ss
 from hard_blocks import bone_cases, layer_cases, soft_cases
 from judged_pass import JudgedPass
-from real_anatomy import CROPS, abdomen_cases, kidney_cases
+from real_anatomy import CROPS, Case, abdomen_cases, kidney_cases
+from sonospline.mechanics import labelled_cube
 from sonospline.models.elastic import ElasticModel
 
 
@@ -31,8 +32,16 @@ def holds(case):
     assert np.quantile(found.tip[4:], 0.9) <= 0.05
     assert back[0] <= 0.05
     assert back[2] <= 0.015
-    assert np.mean(found.ratios < 0.5) <= 0.05
+    assert found.ratios.min() >= 0.5
     assert np.mean((found.ratios >= 1 / 3) & (found.ratios <= 3)) >= 0.9
+
+
+def test_what_a_needle_that_stops_leaves_is_not_made_light_of():
+    """A load that stands still leaves what iterations are slow at: more of the error than in the frames before."""
+    tissue = ss.Tissue(ss.Grid(shape=(13, 13, 13), spacing=100 / 12))
+    body, needle = labelled_cube("body", side=100, voxels=24, stiffness_kpa=10), ss.Needle((0, 30, 50), (50, 60, 55))
+    found, _, _ = judged(Case("body", tissue, body, needle), frames=12, nodes=11**3)
+    assert found.ratios.min() >= 0.8
 
 
 @pytest.mark.slow
