@@ -45,7 +45,6 @@ class Driven:
 
     def __init__(self, tissue, material, contact):
         self.model = ElasticModel(tissue, material, nodes=25**3, contact=contact)
-        self.model.solver.safety  # noqa: B018  made once, before the first frame
         self.multigrid = self.model.solver._multigrid = Counted(self.model.solver._multigrid)
         self.state, self.ms, self.taken, self.multigrid_ms = self.model.rest, [], [], []
 

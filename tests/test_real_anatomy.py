@@ -44,6 +44,12 @@ def test_what_a_needle_that_stops_leaves_is_not_made_light_of():
     assert found.ratios.min() >= 0.8
 
 
+def test_the_first_frame_finds_the_solver_calibrated(monkeypatch):
+    model = ElasticModel(ss.Tissue(ss.Grid.unit_cube(9)), labelled_cube("body", voxels=24), nodes=9**3)
+    monkeypatch.setattr("sonospline.elasticity.solver.error_safety", None)
+    assert model.step(model.rest, {"needle": ss.Needle((0, 0.3, 0.5), (0.5, 0.6, 0.55))}).error_estimate > 0
+
+
 @pytest.mark.slow
 def test_a_few_frames_beside_real_ribs_converge_and_say_how_far(shared_data):
     case = next(abdomen_cases("ribs", faces=1))

@@ -151,6 +151,7 @@ class ElasticModel(TissueModel):
         if nodes is None:
             nodes = nodes_resolving(tissue.grid, self.force.finest_length / RESOLVED, most=_MOST_NODES)
         self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration)
+        _ = self.solver.safety  # takes half a hundred iterations where tissues differ: not in the first frame
         used = self._resolved() if load is None else self.force
         self._loads = NeedleLoads(self.solver.nodes, self.solver.free, used, load_at)
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
