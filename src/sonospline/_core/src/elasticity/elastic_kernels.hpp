@@ -38,13 +38,14 @@ constexpr StencilOffset kStencilOffsets[kStencilHalf] = {
     {0, 0, 0},  {0, 0, 1},  {0, 1, -1}, {0, 1, 0},  {0, 1, 1},  {1, -1, -1}, {1, -1, 0},
     {1, -1, 1}, {1, 0, -1}, {1, 0, 0},  {1, 0, 1},  {1, 1, -1}, {1, 1, 0},   {1, 1, 1}};
 
-/// An operator as blocks 3 a + b of each node, in planes padded with zeros.
+/// An operator as blocks 3 a + b of each node. Those of a plane go by rows of neighbours, two and four times three; of a
+/// row by kElasticLanes nodes; of those by number. A sweep goes straight through them.
 struct ElasticStencil {
     std::size_t planes;         // of nodes
     std::ptrdiff_t row, plane;  // floats of a value from one node to the next along y and x
     std::ptrdiff_t component;   // floats from one component of a value to the next
-    std::ptrdiff_t stride;      // floats from one number of the blocks of a plane of nodes to the next
-    const float *blocks;        // kStencilFloats numbers for each plane of nodes, block after block
+    std::ptrdiff_t stride;      // nodes of a plane with zeros behind them, two at least: a multiple of kElasticLanes
+    const float *blocks;        // kStencilFloats times as many for each plane
 };
 
 /// Nodes [first, last) of planes [begin, end), and what to do there.
@@ -54,12 +55,20 @@ struct ElasticSweep {
     const float *in, *b, *inverse_diagonal;  // the first of three components
     float *d, *out;
     float momentum, step;
-    float *scratch;  // elastic_scratch(last - first, row) floats
+    float *scratch;  // elastic_scratch(last - first, row) floats, or stencil_scratch(last, row) for an explicit operator
 };
 
 /// Floats of scratch a sweep of so many nodes a plane takes.
 constexpr std::size_t elastic_scratch(std::ptrdiff_t nodes, std::ptrdiff_t row) {
     return static_cast<std::size_t>(3 * (nodes + row + 3 * kElasticLanes) + 6 * (row + 3 * kElasticLanes));
+}
+
+/// Of a sweep by an explicit operator: forces on two planes, with the zeros before and behind each component.
+constexpr std::ptrdiff_t stencil_margin(std::ptrdiff_t row) {
+    return (row + 3 * kElasticLanes) / kElasticLanes * kElasticLanes;
+}
+constexpr std::size_t stencil_scratch(std::ptrdiff_t nodes, std::ptrdiff_t row) {
+    return static_cast<std::size_t>(6 * ((nodes + 3 * kElasticLanes) / kElasticLanes * kElasticLanes + 2 * stencil_margin(row)));
 }
 
 struct ElasticKernels {

@@ -75,7 +75,8 @@ void ElasticLevel::lay_out(std::size_t most_alone) {
     slabs_ = small || threads == 1 ? 1 : std::clamp<std::size_t>(shape_[0] / 4, 1, 2 * threads);
     tiles_ = small || most_alone != kAlone ? 1 : static_cast<std::size_t>((nodes + kTileNodes - 1) / kTileNodes);
     const auto tile = static_cast<std::ptrdiff_t>((shape_[1] + tiles_ - 1) / tiles_) * row;
-    scratch_size_ = static_cast<std::size_t>(round_up(static_cast<std::ptrdiff_t>(elastic_scratch(tile, row))));
+    const std::size_t scratch = most_alone == kAlone ? elastic_scratch(tile, row) : stencil_scratch(nodes, row);
+    scratch_size_ = static_cast<std::size_t>(round_up(static_cast<std::ptrdiff_t>(scratch)));
     scratch_ = Buffer<float>(scratch_size_ * blocks());
     inverse_diagonal_ = make_fields();
     b = make_fields(), x = make_fields(), d = make_fields(), residual = make_fields();
@@ -139,19 +140,24 @@ void ElasticLevel::find_diagonal(const ElasticLevelData &data) {
 void ElasticLevel::take_blocks(const ElasticStencilData &data) {
     const std::size_t nodes = shape_[1] * shape_[2], all = shape_[0] * nodes;
     stencil_.planes = cells_.planes, stencil_.row = cells_.row, stencil_.plane = cells_.plane;
-    stencil_.component = cells_.component, stencil_.stride = cells_.plane;
-    const auto stride = static_cast<std::size_t>(stencil_.stride);
-    const std::size_t size = static_cast<std::size_t>(front_) + kStencilFloats * shape_[0] * stride;
+    stencil_.component = cells_.component, stencil_.stride = round_up(static_cast<std::ptrdiff_t>(nodes) + 2);
+    const auto stride = static_cast<std::size_t>(stencil_.stride), plane = static_cast<std::size_t>(cells_.plane);
+    const std::size_t size = kStencilFloats * shape_[0] * stride;
     memory_ = Buffer<float>(size);
     std::fill_n(memory_.data(), size, 0.f);
-    float *const blocks = memory_.data() + front_;
+    float *const blocks = memory_.data();
     parallel_for(shape_[0], [&](std::size_t i) {
-        for (std::size_t number = 0; number < kStencilFloats; ++number)
-            std::copy_n(data.blocks + number * all + i * nodes, nodes, blocks + (kStencilFloats * i + number) * stride);
+        for (std::size_t number = 0; number < kStencilFloats; ++number) {
+            // Of the row of neighbours that a number belongs to: the first number, and how many.
+            const std::size_t first = number < 18 ? 0 : 18 + (number - 18) / 27 * 27, count = number < 18 ? 18 : 27;
+            float *const row = blocks + (kStencilFloats * i + first) * stride + (number - first) * kElasticLanes;
+            const float *const from = data.blocks + number * all + i * nodes;
+            for (std::size_t q = 0; q < nodes; ++q) row[q / kElasticLanes * kElasticLanes * count + q % kElasticLanes] = from[q];
+        }
         for (std::size_t a = 0; a < 3; ++a)
             for (std::size_t q = 0; q < nodes; ++q) {
                 const float diagonal = data.blocks[4 * a * all + i * nodes + q];
-                inverse_diagonal_[static_cast<int>(a)][i * stride + q] = diagonal > 0 ? 1 / diagonal : 0;
+                inverse_diagonal_[static_cast<int>(a)][i * plane + q] = diagonal > 0 ? 1 / diagonal : 0;
             }
     });
     stencil_.blocks = blocks;
