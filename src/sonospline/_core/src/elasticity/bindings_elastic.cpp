@@ -133,8 +133,7 @@ auto iterate(sono::ElasticMultigrid &solver, const Nodes &load, const Nodes &sta
     sono::ElasticOutcome outcome;
     {
         const Outside outside;
-        std::copy_n(start.data(), start.size(), out.data());
-        outcome = solver.iterate(load.data(), out.data(), iterations, estimate);
+        outcome = solver.iterate(load.data(), start.data(), iterations, estimate, out.data());
     }
     return std::tuple(out, outcome.errors, outcome.sound);
 }

@@ -179,10 +179,10 @@ struct ElasticMultigrid::Scalars {
     float step() const { return stiffness > 0 ? static_cast<float>(old_size / stiffness) : 0.f; }
 };
 
-ElasticOutcome ElasticMultigrid::iterate(const float *b, float *u, int iterations, bool estimate) {
+ElasticOutcome ElasticMultigrid::iterate(const float *b, const float *start, int iterations, bool estimate, float *u) {
     const std::lock_guard<std::mutex> lock(mutex_);
     ElasticLevel &fine = *levels_.front();
-    fine.read(u, u_);
+    fine.read(start, u_);
     fine.read(b, b_);
     fine.release_fixed(b_);
     Program program(fine.in_place());

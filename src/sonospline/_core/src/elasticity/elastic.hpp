@@ -31,8 +31,9 @@ class ElasticMultigrid {
                      int degree, const float *coarse_inverse, std::size_t coarse_size, const ElasticLayersData &layers);
 
     const std::array<std::size_t, 3> &shape() const { return levels_.front()->shape(); }
-    /// u (3, nx, ny, nz), zero at nodes that do not move, is improved for the load b; `estimate` asks for the error left.
-    ElasticOutcome iterate(const float *b, float *u, int iterations, bool estimate);
+    /// u (3, nx, ny, nz) is `start`, zero at nodes that do not move, improved for the load b; `estimate` asks for the
+    /// error left.
+    ElasticOutcome iterate(const float *b, const float *start, int iterations, bool estimate, float *u);
     /// out = A u, reactions at nodes that do not move included.
     void product(const float *u, float *out);
 

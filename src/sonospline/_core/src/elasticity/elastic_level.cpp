@@ -313,9 +313,9 @@ void ElasticLevel::widen(const ElasticLevel &coarser, std::size_t begin, std::si
 }
 
 void ElasticLevel::correct(const ElasticLevel &coarser, std::size_t begin, std::size_t end) {
-    const std::size_t rows = coarser.shape_[1], n = shape_[2];
+    const std::size_t rows = coarser.shape_[1], n = shape_[2], nodes = shape_[1] * n;
     for (int a = 0; a < 3; ++a)
-        for (std::size_t i = begin; i < end; ++i)
+        for (std::size_t i = begin; i < end; ++i) {
             for (std::size_t j = 0; j < shape_[1]; ++j) {
                 const float wx = transfer_[0].weight[i], wy = transfer_[1].weight[j];
                 const float pairs[4] = {(1 - wx) * (1 - wy), (1 - wx) * wy, wx * (1 - wy), wx * wy};
@@ -332,8 +332,10 @@ void ElasticLevel::correct(const ElasticLevel &coarser, std::size_t begin, std::
                     }
                 float *const to = x[a] + place(i, j, 0);
                 row_loops().combine(count, weight, from, to, n, true);
-                if (some_fixed_) row_loops().add_masked(0, to, inverse_diagonal_[a] + place(i, j, 0), to, n);
             }
+            float *const plane = x[a] + place(i, 0, 0);
+            if (some_fixed_) row_loops().add_masked(0, plane, inverse_diagonal_[a] + place(i, 0, 0), plane, nodes);
+        }
 }
 
 }  // namespace sono
