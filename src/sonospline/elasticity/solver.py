@@ -341,12 +341,10 @@ class ElasticSolver:
         return np.asarray(self._multigrid.product(displacement))
 
     def _iterate(self, state: ElasticState, forces: Single, iterations: int) -> ElasticState:
-        return self._once(state, forces, iterations, estimate=True)[0]
+        return self._once(state, forces, iterations, estimate=True)[0] if forces.any() else self.rest
 
     def _once(self, state: ElasticState, forces: Single, iterations: int, estimate: bool) -> tuple[ElasticState, float]:
-        """The state some iterations on, and the error before them."""
-        if not forces.any():
-            return self.rest, 0.0
+        """The state some iterations on under forces that are not all zero, and the error before them."""
         displacement, errors, sound = self._multigrid.iterate(forces, state.displacement, iterations, estimate)
         if not sound:
             raise NotConvergedError(BROKEN)

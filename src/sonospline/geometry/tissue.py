@@ -64,7 +64,7 @@ class Tissue:
         said = f"free face{'s' if len(free) > 1 else ''} {', '.join(free)}" if free else "no free face"
         return f"Tissue({size(self.grid.shape)}, {lengths(self.grid.spacing)}, {said})"
 
-    @property
+    @cached_property
     def free_faces(self) -> tuple[str, ...]:
         """The faces that may move."""
         return tuple(face for face in FACES if face not in self.pinned_faces)
@@ -98,8 +98,9 @@ class Tissue:
 
     def _beyond(self, point: Array) -> Array:
         """How far (6,) a point lies beyond each of :data:`FACES`; below zero where it is inside."""
-        local = self.grid.local(point[None])[0]
-        return np.stack([-local, local - self.grid.extent], axis=1).ravel()
+        beyond, local = np.empty(6), self.grid.local(point)
+        beyond[::2], beyond[1::2] = -local, local - self.grid.extent
+        return beyond
 
     @cached_property
     def _rounding(self) -> float:

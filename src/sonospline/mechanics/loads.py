@@ -95,10 +95,10 @@ class AxialForce(NamedTuple):
         friction its second moment; one for the tip.
         """
         edges = np.linspace(0.0, depth, max(1, int(np.ceil(depth / width))) + 1)
-        sums, moments = (np.diff(values) for values in self.up_to(edges))
+        sums, moments = (values[1:] - values[:-1] for values in self.up_to(edges))
         held = sums != 0
         low, high, sums = edges[:-1][held], edges[1:][held], sums[held]
-        middle = np.clip(moments[held] / sums, low, high)
+        middle = np.minimum(np.maximum(moments[held] / sums, low), high)
         apart = np.minimum((high - low) / np.sqrt(12), np.minimum(middle - low, high - middle))
         along = np.concatenate([middle - apart, middle + apart, [depth]])
         return PointForces(along, np.concatenate([sums / 2, sums / 2, [self.tip]]))
