@@ -7,6 +7,8 @@
 
 #if defined(__x86_64__)
 #include <immintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 namespace sono {
@@ -97,6 +99,9 @@ inline VecF rsqrt_estimate(VecF x) {
     return (VecF)_mm256_rsqrt_ps((__m256)x);
 #elif defined(__SSE2__)
     return (VecF)_mm_rsqrt_ps((__m128)x);
+#elif defined(__aarch64__)
+    const float32x4_t estimate = vrsqrteq_f32((float32x4_t)x);  // to 2^-8
+    return (VecF)newton(x, (VecF)estimate);
 #else
     VecF y;
     for (int i = 0; i < lanes<float>; ++i) y[i] = 1.0f / __builtin_sqrtf(x[i]);
@@ -115,6 +120,8 @@ inline VecD rsqrt(VecD x) {
     return 1.0 / (VecD)_mm256_sqrt_pd((__m256d)x);
 #elif defined(__SSE2__)
     return 1.0 / (VecD)_mm_sqrt_pd((__m128d)x);
+#elif defined(__aarch64__)
+    return 1.0 / (VecD)vsqrtq_f64((float64x2_t)x);
 #else
     VecD y;
     for (int i = 0; i < lanes<double>; ++i) y[i] = 1.0 / __builtin_sqrt(x[i]);
@@ -149,6 +156,8 @@ template <class T> inline Root<T> root(Vec<T> x) {
         const VecD r = (VecD)_mm256_sqrt_pd((__m256d)x);
 #elif defined(__SSE2__)
         const VecD r = (VecD)_mm_sqrt_pd((__m128d)x);
+#elif defined(__aarch64__)
+        const VecD r = (VecD)vsqrtq_f64((float64x2_t)x);
 #else
         VecD r;
         for (int i = 0; i < lanes<double>; ++i) r[i] = __builtin_sqrt(x[i]);
