@@ -94,6 +94,13 @@ def test_mechanics_have_the_same_box():
     assert set(narrow.names.items()) < set(wide.names.items()) and wide.names == LABELS
 
 
+@pytest.mark.parametrize("name", PHANTOMS)
+def test_no_scene_is_begun_that_memory_does_not_hold(name, monkeypatch):
+    monkeypatch.setattr(_memory, "available_bytes", lambda: 2**27)
+    with pytest.raises(ValueError, match=r"a phantom of .* at spacing_mm = 0.1 would take .*; use larger voxels"):
+        PHANTOMS[name](0.1)
+
+
 def test_one_that_memory_does_not_hold_is_refused(monkeypatch):
     monkeypatch.setattr(_memory, "available_bytes", lambda: 2**27)
     with pytest.raises(

@@ -14,6 +14,7 @@ from ..geometry.volume import Volume
 from ..ultrasound.acoustics import TISSUES, AcousticTissue
 from ..ultrasound.flow import Flow
 from ..ultrasound.phantom import Phantom
+from .canvas import Canvas
 from .kidney import BOX_MM, LABELS, KidneyPhantom, kidney_phantom
 from .wide_kidney import LABELS as WIDE_LABELS
 from .wide_kidney import wide_kidney_phantom
@@ -80,7 +81,7 @@ def _undented(make: Callable[..., KidneyPhantom], voxel_mm: float) -> Phantom:
 
 def gel_block(voxel_mm: float) -> GeneratedTissue:
     """Return a block of tissue-mimicking gel that a vessel crosses, a little aslant."""
-    labels = _blank(_GEL_BLOCK_MM, voxel_mm)
+    labels = Canvas((0, 0, 0), _GEL_BLOCK_MM, voxel_mm).labels
     x, y, z = _axes(labels, voxel_mm)
     middle = _VESSEL["depth"] + _VESSEL["slope"] * (x - _GEL_BLOCK_MM[0] / 2)
     apart = np.sqrt((y - _GEL_BLOCK_MM[1] / 2) ** 2 + (z - middle) ** 2)
@@ -109,7 +110,7 @@ def _gel_flow() -> Flow:
 def cube(voxel_mm: float) -> GeneratedTissue:
     """Return the paper's cube at 100 mm a side, with thin sheets to see it deform by."""
     wide = (_CUBE_MM, _CUBE_MM + 2 * _BESIDE_MM, _CUBE_MM)
-    labels = _blank(wide, voxel_mm)
+    labels = Canvas((0, 0, 0), wide, voxel_mm).labels
     for axis, place in enumerate(_axes(labels, voxel_mm)[:2]):  # square to the image of the middle plane
         off = np.abs((place - axis * _BESIDE_MM + _SHEETS_MM / 2) % _SHEETS_MM - _SHEETS_MM / 2)
         labels[np.broadcast_to((off <= _SHEET_MM / 2) & (place > 1), labels.shape)] = 1
@@ -123,10 +124,6 @@ def cube(voxel_mm: float) -> GeneratedTissue:
 
 
 PHANTOMS = {"kidney": kidney, "wide kidney": wide_kidney, "gel block": gel_block, "cube": cube}
-
-
-def _blank(size_mm: tuple[float, float, float], voxel_mm: float) -> NDArray[np.uint8]:
-    return np.zeros([round(side / voxel_mm) + 1 for side in size_mm], np.uint8)
 
 
 def _axes(labels: NDArray[np.uint8], voxel_mm: float) -> list[Array]:
