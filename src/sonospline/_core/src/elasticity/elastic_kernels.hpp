@@ -48,6 +48,13 @@ struct ElasticStencil {
     const float *blocks;        // kStencilFloats times as many for each plane
 };
 
+/// Where the blocks of node q of a plane begin, to `count` neighbours in one row, of which `first` is the first; each of
+/// their numbers is kElasticLanes floats after the one before it.
+constexpr std::ptrdiff_t stencil_place(std::ptrdiff_t first, std::ptrdiff_t count, std::ptrdiff_t q, std::ptrdiff_t stride) {
+    const std::ptrdiff_t lane = q % kElasticLanes;
+    return 9 * (first * stride + count * (q - lane)) + lane;
+}
+
 /// Nodes [first, last) of planes [begin, end), and what to do there.
 struct ElasticSweep {
     std::size_t begin, end;

@@ -148,11 +148,12 @@ void ElasticLevel::take_blocks(const ElasticStencilData &data) {
     float *const blocks = memory_.data();
     parallel_for(shape_[0], [&](std::size_t i) {
         for (std::size_t number = 0; number < kStencilFloats; ++number) {
-            // Of the row of neighbours that a number belongs to: the first number, and how many.
-            const std::size_t first = number < 18 ? 0 : 18 + (number - 18) / 27 * 27, count = number < 18 ? 18 : 27;
-            float *const row = blocks + (kStencilFloats * i + first) * stride + (number - first) * kElasticLanes;
+            const auto neighbour = static_cast<std::ptrdiff_t>(number / 9);
+            const std::ptrdiff_t first = neighbour < 2 ? 0 : neighbour - (neighbour - 2) % 3, count = neighbour < 2 ? 2 : 3;
+            float *const row = blocks + kStencilFloats * i * stride + (number - 9 * static_cast<std::size_t>(first)) * kElasticLanes;
             const float *const from = data.blocks + number * all + i * nodes;
-            for (std::size_t q = 0; q < nodes; ++q) row[q / kElasticLanes * kElasticLanes * count + q % kElasticLanes] = from[q];
+            for (std::size_t q = 0; q < nodes; ++q)
+                row[stencil_place(first, count, static_cast<std::ptrdiff_t>(q), stencil_.stride)] = from[q];
         }
         for (std::size_t a = 0; a < 3; ++a)
             for (std::size_t q = 0; q < nodes; ++q) {

@@ -65,17 +65,11 @@ class StencilPlane {
     }
 
   private:
-    // The first of the blocks of neighbours in one row, kNeighbours of them from `number` on, of node q.
-    template <int kNeighbours> const float *blocks_at(int number, std::ptrdiff_t q) const {
-        const std::ptrdiff_t lane = q % kElasticLanes;
-        return blocks_ + 9 * (number * stride_ + kNeighbours * (q - lane)) + lane;
-    }
-
     // A node itself, and the next along z.
     void along_row(const PlaneForces &f) const {
         VecF before[3] = {};
         for (std::ptrdiff_t q = 0; q < end_; q += kWidth) {
-            const float *const self = blocks_at<2>(0, q), *const after = self + 9 * kElasticLanes;
+            const float *const self = blocks_ + stencil_place(0, 2, q, stride_), *const after = self + 9 * kElasticLanes;
             VecF force[3], pushed[3] = {};
             for (int a = 0; a < 3; ++a) force[a] = load(f.now(a) + q);
             for (int b = 0; b < 3; ++b) {
@@ -100,7 +94,7 @@ class StencilPlane {
         const float *const there = in_ + apart - 1;
         VecF first[3] = {}, second[3] = {};  // pushed on the middle and the last neighbour of the nodes before
         for (std::ptrdiff_t q = 0; q < end_; q += kWidth) {
-            const float *const blocks = blocks_at<3>(number, q);
+            const float *const blocks = blocks_ + stencil_place(number, 3, q, stride_);
             VecF force[3] = {}, pushed[3][3] = {};
             for (int b = 0; b < 3; ++b) {
                 const VecF value = load(in_ + b * component_ + q);
