@@ -15,11 +15,13 @@ from simulator_scenes import SMALL_PAPER
 from sonospline.server import rate_limits
 from sonospline.server.client_messages import MessageError
 from sonospline.server.connection import Connection
+from sonospline.server.conversation import hang_up
 from sonospline.server.live_session import MOST_ACTIONS
 from sonospline.server.outbox import Outbox
 from sonospline.server.rate_limits import MOST_MESSAGES_S, MOST_REFUSALS, REFUSALS_S, RateLimits
 from sonospline.server.scene_catalog import SceneCatalog
 from sonospline.server.server_messages import ModelMessage
+from sonospline.server.speaker import GOING_AWAY, Verdict
 
 
 @pytest.fixture(scope="module")
@@ -276,3 +278,14 @@ def until(condition, seconds=30.0):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.02)
+
+
+def test_a_client_that_is_gone_when_it_is_hung_up_on_is_no_fault():
+    """A page that is loaded anew takes its session over while its old socket breaks."""
+    gone = pytest.importorskip("starlette.websockets").WebSocketDisconnect
+
+    class Broken:
+        async def close(self, code, reason):
+            raise gone(1006)
+
+    asyncio.run(hang_up(Broken(), Verdict(GOING_AWAY, "idle")))

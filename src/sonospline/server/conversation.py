@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Iterable
 from typing import Any
 
 from .outbox import Outbox
@@ -35,7 +36,9 @@ async def converse(
     for end in ends:
         _note(end)
     if connection.verdict.done():
-        await _hang_up(websocket, outbox, connection.verdict.result())
+        verdict = connection.verdict.result()
+        refusals = outbox.texts() if verdict.code == POLICY else []  # those that led to it
+        await hang_up(websocket, verdict, refusals)
 
 
 def _note(end: BaseException | None) -> None:
@@ -83,13 +86,14 @@ async def _watch_socket(transport: asyncio.Transport) -> None:
         await asyncio.sleep(_SOCKET_CHECK_S)
 
 
-async def _hang_up(websocket: Any, outbox: Outbox, verdict: Verdict) -> None:
+async def hang_up(websocket: Any, verdict: Verdict, texts: Iterable[str] = ()) -> None:
     """Say why, to a client that still listens."""
+    from starlette.websockets import WebSocketDisconnect
+
     try:
         async with asyncio.timeout(_GOODBYE_S):
-            if verdict.code == POLICY:  # the refusals that led to it
-                for text in outbox.texts():
-                    await websocket.send_text(text)
+            for text in texts:
+                await websocket.send_text(text)
             await websocket.close(verdict.code, verdict.reason)
-    except (RuntimeError, OSError, TimeoutError) as error:
+    except (WebSocketDisconnect, RuntimeError, OSError) as error:  # a TimeoutError is an OSError
         logger.debug("a client left before it was hung up on: %r", error)

@@ -18,7 +18,7 @@ from .access import AccessMiddleware, token_of
 from .client_messages import LONGEST
 from .connection import Connection
 from .connection_limits import ConnectionLimits, open_files, pending_within
-from .conversation import converse
+from .conversation import converse, hang_up
 from .guard import Guard
 from .kept_session import Kept
 from .live_session import Watch
@@ -195,12 +195,10 @@ class Server:
         key = websocket.query_params.get("session", "")
         seat = self.seat(websocket.query_params.get("station", ""), key)
         if isinstance(seat, str):
-            await websocket.close(TOO_MANY, seat)
-            return
+            return await hang_up(websocket, Verdict(TOO_MANY, seat))
         kept = await self._reclaim(key)
         if self.pool.full:
-            await websocket.close(TOO_MANY, self._too_many)
-            return
+            return await hang_up(websocket, Verdict(TOO_MANY, self._too_many))
         transport = self.limits.upgraded(websocket.scope["client"])
         outbox = Outbox()
         connection = Connection(
