@@ -51,7 +51,7 @@ window.WebSocket = class extends Native {
                 const length = new DataView(event.data).getUint32(4, true);
                 const text = new TextDecoder().decode(new Uint8Array(event.data, 8, length));
                 const {seq, state, frame, replay} = JSON.parse(text);
-                Object.assign(link, {answered: seq, shown: state.needle.depth, frame});
+                Object.assign(link, {answered: seq, shown: state.needle.depth, frozen: state.frozen, frame});
                 if (replay) link.step ??= replay.step;
                 link.came = replay?.step ?? null;
             }

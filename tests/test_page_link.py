@@ -120,7 +120,7 @@ def test_a_frozen_session_is_frozen_after_a_reload(drive):
     driver.hold("ArrowDown", f"{DEPTH} > 2")
     driver.answered()
     driver.page.keyboard.press("Space")
-    driver.until(f"{STATUS} === 'frozen'")
+    driver.until("link.frozen")  # the page says so at once, the session once it has heard of it
     driver.page.reload()
     driver.until(f"{STATUS} === 'frozen' && {DEPTH} > 2")
     driver.page.keyboard.press("Space")
