@@ -59,7 +59,7 @@ def field_under(tissue, moduli, load):
     grid = moduli.grid
     number = np.arange(grid.node_count).reshape(grid.shape)
     corners = np.stack([number[where].ravel() for where in corner_slices(moduli.lame.shape)], axis=1)
-    held = grid.on_faces(tissue.pinned_faces).ravel()
+    held = np.zeros(grid.node_count, bool) if moduli.walls.springs.size else grid.on_faces(tissue.pinned_faces).ravel()
     held[corners[moduli.rigid.ravel()]] = True
     springs = np.zeros((grid.node_count, 3))
     of_bone = np.ravel_multi_index(tuple(moduli.bone.cells.T), moduli.lame.shape)
@@ -67,6 +67,7 @@ def field_under(tissue, moduli, load):
     across = shear + (lame + shear) * moduli.bone.facing
     stiff = 10 * np.prod(grid.spacing) ** (1 / 3) * moduli.bone.shares[..., None] * across[:, None]
     np.add.at(springs, corners[of_bone], stiff)
+    springs += np.moveaxis(moduli.walls.at_nodes(moduli.shear) + np.zeros((3, *grid.shape)), 0, -1).reshape(-1, 3)
     dilatation, distortion = cell_stiffness(np.array(grid.spacing))
     entries = moduli.lame.reshape(-1, 1, 1) * dilatation + moduli.shear.reshape(-1, 1, 1) * distortion
     layered = np.ravel_multi_index(tuple(moduli.layers.cells.T), moduli.lame.shape)

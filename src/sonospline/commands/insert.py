@@ -97,7 +97,7 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
         f"step          {summary['step_ms']['median']:.1f} ms median, {summary['step_ms']['p95']:.1f} ms p95 "
         f"({summary['backend']}, {summary['instruction_set']})",
         f"displacement  {summary['max_displacement_mm']:.2f} mm at most, "
-        f"pinned faces drift {summary['boundary_drift_mm']:.3f} mm",
+        f"{_walls(summary)} {summary['boundary_drift_mm']:.3f} mm",
         f"folding       smallest det J {summary['smallest_det_jacobian']:.3f}",
     ]
     lines += _strain_line(summary)
@@ -110,6 +110,10 @@ def describe(summary: dict[str, Any], args: argparse.Namespace) -> str:
     if "figure.png" in summary["files"]:
         lines.append(f"picture       {args.out / 'figure.png'}")
     return "\n".join(lines)
+
+
+def _walls(summary: dict[str, Any]) -> str:
+    return "walls give way by" if summary.get("walls") == "continued" else "pinned faces drift"
 
 
 def _about_model(summary: dict[str, Any]) -> str:

@@ -37,10 +37,11 @@ def pinned_faces(tissue: Tissue) -> list[bool]:
 
 def is_hard(moduli: Moduli) -> bool:
     """Whether coarse grids need to know more of tissue than its mean moduli."""
-    return bool(moduli.rigid.any() or len(moduli.bone.cells) or moduli.contrast >= _HARD)
+    held = moduli.rigid.any() or len(moduli.bone.cells) or moduli.walls.springs.size
+    return bool(held or moduli.contrast >= _HARD)
 
 
-def fixed_nodes(moduli: Moduli, tissue: Tissue) -> NDArray[np.uint8]:
+def fixed_nodes(moduli: Moduli, pinned: list[bool]) -> NDArray[np.uint8]:
     """Return the nodes (nx, ny, nz) that do not move: of pinned faces and of rigid cells.
 
     Raises
@@ -48,7 +49,7 @@ def fixed_nodes(moduli: Moduli, tissue: Tissue) -> NDArray[np.uint8]:
     ValueError
         They are all.
     """
-    fixed = ~free_nodes(moduli.shear.shape, pinned_faces(tissue)) | moduli.rigid_nodes
+    fixed = ~free_nodes(moduli.shear.shape, pinned) | moduli.rigid_nodes
     if fixed.all():
         raise ValueError(
             "labels: rigid tissue and pinned faces hold every node of the solver's grid, so nothing can move; "
@@ -58,13 +59,12 @@ def fixed_nodes(moduli: Moduli, tissue: Tissue) -> NDArray[np.uint8]:
 
 
 def springs_of(moduli: Moduli, fixed: NDArray[np.uint8]) -> Single:
-    """Return the springs (3, nx, ny, nz) by which bone holds nodes that move a little."""
+    """Return the springs (3, nx, ny, nz) that hold nodes which move."""
     return np.where(fixed == 0, moduli.springs, 0).astype(np.float32)
 
 
-def levels(moduli: Moduli, tissue: Tissue) -> list[Level]:
+def levels(moduli: Moduli, pinned: list[bool]) -> list[Level]:
     """Return spacing and moduli of each level, the finest first; coarse moduli are means of their children."""
-    pinned = pinned_faces(tissue)
     spacing = np.array(moduli.grid.spacing)
     lame, shear = moduli.lame, moduli.shear
     found = [_level(spacing, lame, shear)]
@@ -104,9 +104,9 @@ def galerkin(moduli: Moduli, fixed: NDArray[np.uint8], full: bool) -> list[Singl
     return found if free else found[:-1]
 
 
-def inverse_of_level(level: Level, tissue: Tissue, full: bool) -> Single:
+def inverse_of_level(level: Level, pinned: list[bool], full: bool) -> Single:
     """Return the inverse of a level's operator over its free unknowns; (0, 0) where it is too large."""
-    return _inverse(stiffness(level, full), free_nodes(level[1].shape, pinned_faces(tissue)))
+    return _inverse(stiffness(level, full), free_nodes(level[1].shape, pinned))
 
 
 def inverse_of_stencil(stencil: Single) -> Single:

@@ -16,6 +16,7 @@ from ..geometry.grid import Grid
 from ..geometry.needle import Needle
 from ..geometry.solver_grid import solver_grid
 from ..geometry.tissue import Tissue
+from ..mechanics.continued_walls import WALLS, ContinuedWalls
 from ..mechanics.loads import Load
 from ..mechanics.material import Material
 from ..mechanics.moduli import INTEGRATIONS, Moduli
@@ -78,6 +79,9 @@ class ElasticSolver:
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         The mean dilatation of each cell does not lock as Poisson's ratio nears 0.5; full
         integration is for comparison with other packages.
+    walls : {"pinned", "continued"}, default: "pinned"
+        Whether the faces that the tissue pins do not move; or are held by springs, as tissue that goes on beyond
+        them would: for a crop of a body (see :class:`~sonospline.mechanics.continued_walls.ContinuedWalls`).
 
     Raises
     ------
@@ -111,20 +115,24 @@ class ElasticSolver:
         *,
         nodes: int | Grid = 25**3,
         integration: str = "mean_dilatation",
+        walls: str = "pinned",
     ) -> None:
         if not isinstance(tissue, Tissue):
             raise ValueError(f"tissue = {shown(tissue)} is not a Tissue; make one, e.g. Tissue(Grid.unit_cube(53))")
         self.tissue = tissue
         self.material = Material() if material is None else check_material(material)
         self.integration = _validate.choice("integration", integration, INTEGRATIONS)
+        self.walls = _validate.choice("walls", walls, WALLS)
         self.grid: Grid = solver_grid(tissue.grid, nodes)
         _memory.refuse_beyond(_BYTES_A_NODE * self.grid.node_count, f"nodes = {nodes}: the elastic solver")
-        self.moduli = self._moduli()
-        self._fixed = hierarchy.fixed_nodes(self.moduli, tissue)
-        self.free = (self._fixed == 0).astype(np.float32)
-        """(nx, ny, nz): 1 at nodes that may move, 0 where a face or bone holds them."""
         self.nodes = Tissue(self.grid, tissue.entry_face, tissue.pinned_faces)
         """The tissue with the nodes of :attr:`grid`."""
+        self.moduli = self._moduli()
+        self.pinned = [False] * 6 if walls == "continued" else hierarchy.pinned_faces(tissue)
+        """Which of the faces, in the order of ``FACES``, do not move."""
+        self._fixed = hierarchy.fixed_nodes(self.moduli, self.pinned)
+        self.free = (self._fixed == 0).astype(np.float32)
+        """(nx, ny, nz): 1 at nodes that may move, 0 where a face or bone holds them."""
         self._multigrid = self._make_multigrid()
         zero = np.zeros((3, *self.grid.shape), np.float32)
         zero.setflags(write=False)
@@ -152,7 +160,9 @@ class ElasticSolver:
     def coarser(self, nodes: int) -> ElasticSolver | None:
         """Return the solver of the same tissue on fewer nodes; None where those cannot tell bone from what moves."""
         try:
-            return ElasticSolver(self.tissue, self.material, nodes=nodes, integration=self.integration)
+            return ElasticSolver(
+                self.tissue, self.material, nodes=nodes, integration=self.integration, walls=self.walls
+            )
         except ValueError:  # all but the moduli of larger cells has passed: nothing moves there, or a fragment is lost
             return None
 
@@ -328,7 +338,7 @@ class ElasticSolver:
         return GridField(self.tissue.grid, values, lattice=self.grid, order=3, error_estimate=state.error)
 
     def reaction(self, state: ElasticState) -> Array:
-        """Return the force (3,) that pinned faces and rigid tissue exert on the rest, in world axes.
+        """Return the force (3,) that walls and rigid tissue exert on the rest, in world axes.
 
         It balances the needle's load to the error of the state.
         """
@@ -357,13 +367,15 @@ class ElasticSolver:
 
     def _moduli(self) -> Moduli:
         if isinstance(self.material, Material):
-            return Moduli.uniform(self.grid, self.material)
-        return self.material.moduli(self.grid)
+            moduli = Moduli.uniform(self.grid, self.material)
+        else:
+            moduli = self.material.moduli(self.grid)
+        return replace(moduli, walls=ContinuedWalls.of(self.nodes)) if self.walls == "continued" else moduli
 
     def _make_multigrid(self) -> Any:
         full = self.integration == "full"
         degree = _HIGH_DEGREE if self.moduli.poissons_ratio > _HIGH_RATIO else _DEGREE
-        pinned, layers = hierarchy.pinned_faces(self.tissue), self.moduli.layers
+        pinned, layers = self.pinned, self.moduli.layers
         fragments = nodes_of_fragments(self.moduli.fragments, self.nodes)
         layered = {"layered": layers.cells, "excess": layers.excess.astype(np.float32)}
         if hierarchy.is_hard(self.moduli):
@@ -374,8 +386,8 @@ class ElasticSolver:
                 finest, pinned, full, degree, inverse, self._fixed, stencils, **layered, springs=springs
             )
             return FloatingFragments(multigrid, self.grid, fragments) if len(fragments) else multigrid
-        grids = hierarchy.levels(self.moduli, self.tissue)
-        inverse = hierarchy.inverse_of_level(grids[-1], self.tissue, full)
+        grids = hierarchy.levels(self.moduli, pinned)
+        inverse = hierarchy.inverse_of_level(grids[-1], pinned, full)
         return _core.active.ElasticMultigrid(grids, pinned, full, degree, inverse, **layered)
 
     def __repr__(self) -> str:

@@ -154,12 +154,12 @@ class TissueRelaxation:
         share = np.maximum(share, _LEAST).astype(np.float32)
         spacing, lame, shear = hierarchy.finest(moduli)
         excess = moduli.layers.excess * share[tuple(moduli.layers.cells.T)][:, None, None]
-        levels, pinned = [(spacing, lame * share, shear * share)], hierarchy.pinned_faces(solver.tissue)
+        levels = [(spacing, lame * share, shear * share)]
         layers = {"layered": moduli.layers.cells, "excess": excess.astype(np.float32)}
-        springs = moduli.bone.at_nodes(lame * share, shear * share, spacing)
+        springs = moduli.springs_of(lame * share, shear * share)
         return _core.active.ElasticMultigrid(
             levels,
-            pinned,
+            solver.pinned,
             solver.integration == "full",
             1,
             np.zeros((0, 0), np.float32),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.grid import Grid
+from .continued_walls import ContinuedWalls
 from .fragments import Numbers, corners_of
 from .held_bone import HeldBone
 from .layers import Layers
@@ -50,6 +51,8 @@ class Moduli:
         Cells that are stiffer along their layers than across; by default there are none.
     bone : HeldBone, optional
         Cells that are bone in part, which holds their corners; by default there are none.
+    walls : ContinuedWalls, optional
+        Walls beyond which tissue goes on; by default there are none.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Moduli:
     fragments: Numbers = field(default_factory=lambda: np.zeros((0, 0, 0), np.int32))
     layers: Layers = field(default_factory=Layers.none)
     bone: HeldBone = field(default_factory=HeldBone.none)
+    walls: ContinuedWalls = field(default_factory=ContinuedWalls.none)
 
     def __post_init__(self) -> None:
         cells = tuple(n - 1 for n in self.grid.shape)
@@ -111,7 +115,7 @@ class Moduli:
 
     def __repr__(self) -> str:
         """Name the moduli by all their values: kept results are found by it."""
-        arrays = (self.lame, self.shear, self.rigid, self.fragments, *self.layers, *self.bone)
+        arrays = (self.lame, self.shear, self.rigid, self.fragments, *self.layers, *self.bone, *self.walls)
         values = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()[:16]
         return f"Moduli({' x '.join(map(str, self.shear.shape))} cells, {values})"
 
@@ -132,8 +136,12 @@ class Moduli:
 
     @cached_property
     def springs(self) -> Array:
-        """Springs (3, nx, ny, nz) along the axes by which bone holds corners of cells that it fills in part; kPa mm."""
-        return self.bone.at_nodes(self.lame, self.shear, self.grid.spacing)
+        """Springs (3, nx, ny, nz) along the axes that hold nodes, as :meth:`springs_of` these moduli."""
+        return self.springs_of(self.lame, self.shear)
+
+    def springs_of(self, lame: Array, shear: Array) -> Array:
+        """Return the springs (3, nx, ny, nz), kPa mm, by which bone and walls hold nodes of tissue of other moduli."""
+        return self.bone.at_nodes(lame, shear, self.grid.spacing) + self.walls.at_nodes(shear)
 
     @property
     def poissons_ratio(self) -> float:

@@ -86,6 +86,8 @@ class ElasticModel(TissueModel):
         Over cells longer than 1.25 widths of the default load it is widened to 0.8 of them.
     integration : {"mean_dilatation", "full"}, default: "mean_dilatation"
         As for :class:`ElasticSolver`.
+    walls : {"pinned", "continued"}, default: "pinned"
+        Whether the tissue's pinned faces do not move, or as far as tissue beyond them would let them: for crops.
     tolerance : float, default: 0.0125
         Error estimate, relative to the field, at which a step ends.
     budget : int, default: 12
@@ -134,6 +136,7 @@ class ElasticModel(TissueModel):
         load_at: str = "deformed",
         nodes: int | Grid | None = None,
         integration: str = "mean_dilatation",
+        walls: str = "pinned",
         tolerance: float = TOLERANCE,
         budget: int = BUDGET,
         contact: str = "pose",
@@ -150,7 +153,7 @@ class ElasticModel(TissueModel):
         """What a needle does, as it was asked for; :attr:`load` is what the solver's cells can take of it."""
         if nodes is None:
             nodes = nodes_resolving(tissue.grid, self.force.finest_length / RESOLVED, most=_MOST_NODES)
-        self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration)
+        self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration, walls=walls)
         _ = self.solver.safety  # takes half a hundred iterations where tissues differ: not in the first frame
         used = self._resolved() if load is None else self.force
         self._loads = NeedleLoads(self.solver.nodes, self.solver.free, used, load_at)
@@ -189,6 +192,8 @@ class ElasticModel(TissueModel):
         how: tuple[Any, ...] = solver.integration, self.load, self._loads.at, self.tolerance, self.budget
         if self._in_time is not None:
             how = *how, "track", self._in_time.grip, self._in_time.medium.reuse, bool(self._in_time.tissue.times_s)
+        if solver.walls != "pinned":
+            how = *how, solver.walls
         return solver.material, solver.grid, *how
 
     def _answer(self, state: State, needles: dict[str, Needle], dt: float) -> Response:
@@ -355,6 +360,7 @@ class ElasticModel(TissueModel):
         young = moduli.shear * (3 * moduli.lame + 2 * moduli.shear) / (moduli.lame + moduli.shear)
         return {
             "solver_shape": self.solver.grid.shape,
+            "walls": self.solver.walls,
             "young_kpa": [float(young.min()), float(young.max())],
             "error_estimate": response.error_estimate,
             "grid_error": of_cells,

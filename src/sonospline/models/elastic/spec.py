@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...elasticity.state import BUDGET, TOLERANCE
+from ...mechanics.continued_walls import WALLS
 from ...mechanics.first_touch import BUILD_UP_MM
 from ...mechanics.loads import PROCESS_ZONE_MM
 from ..option import Option
@@ -45,6 +46,8 @@ SPEC = ModelSpec(
                help="depth over which the cutting force builds up"),
         Option(name="load_at", kind="choice", choices=("deformed", "undeformed"), default="deformed",
                help="whether needles load the tissue that they are in, or what was there before any moved"),
+        Option(name="walls", kind="choice", choices=WALLS, default="pinned",
+               help="whether the box's other faces do not move, or as tissue that goes on beyond them would let them"),
         Option(name="contact", kind="choice", choices=("pose", "track"), default="pose",
                help="forces of the needle's pose, or of the track it has left: friction that remembers, membranes"),
         Option(name="relaxation", kind="choice", choices=("none", "tissue"), default="none",
