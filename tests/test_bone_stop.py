@@ -143,3 +143,17 @@ def test_a_loose_fragment_stops_the_needle_where_it_has_moved_to():
     assert tissues.obstacle(THROUGH, response.field).depth_mm == pytest.approx(27 + moved, abs=0.02)
     back = model.step(response.state, {"needle": ss.Needle((0, 30, 30), (tip[0] - 0.5, 30, 30))})
     assert dict(back.state.needles)["needle"].depth == pytest.approx(tip[0] - 0.5)
+
+
+def test_tissue_that_folds_on_the_way_hides_no_loose_fragment():
+    """Places that no inverse map is known for have no label; a step ended with an error about NaN."""
+
+    class Folded:
+        def inverse(self, points):
+            return np.where((points[:, :1] > 8) & (points[:, :1] < 12), np.nan, points)
+
+    voxels = np.ones((30, 30, 30), np.uint8)
+    voxels[14:18, 11:20, 11:20] = 2
+    fat, loose = Material(3), Material(rigid=True, floating=True)
+    tissues = TissueMap(LabelMap(voxels=voxels, spacing=2.0), {0: fat, 1: fat, 2: loose})
+    assert tissues.obstacle(THROUGH, Folded()).depth_mm == pytest.approx(27, abs=0.02)

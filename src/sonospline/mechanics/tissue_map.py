@@ -282,7 +282,9 @@ class TissueMap:
         loose = [label for label, is_loose in zip(self._known, self._loose, strict=True) if is_loose]
 
         def labels(depths: Array) -> NDArray[np.integer]:
-            return self.labels_at(field.inverse(needle.entry + depths[:, None] * needle.direction))
+            rest = field.inverse(needle.entry + depths[:, None] * needle.direction)
+            known = np.isfinite(rest).all(axis=1)  # no label is where tissue folds
+            return np.where(known, self.labels_at(np.nan_to_num(rest)), -1)
 
         finest = min(self.labels.spacing)
         depths = np.linspace(0, needle.depth, 2 + int(_PER_VOXEL * needle.depth / finest))
@@ -290,8 +292,7 @@ class TissueMap:
         met = np.flatnonzero(np.isin(found, loose))
         if not len(met):
             return None
-        place = met[0]
-        if place == 0:
+        if (place := met[0]) == 0:
             return self._met(needle, 0.0, int(found[0]))
         between = np.linspace(depths[place - 1], depths[place], _PER_STEP)
         inside = np.isin(labels(between), loose)
