@@ -146,3 +146,48 @@ def test_a_needle_at_the_border_of_two_tissues_comes_to_rest(depth):
         published.append(response.error_estimate)
     assert response.settled and max(published) < 0.05  # to and fro without end it was 0.1 to 0.4
     assert model.step(response.state, {"needle": needle}).state == response.state
+
+
+def two_layers(first_kpa, second_kpa, cutting_force_n):
+    """Of 30 mm each, alike in what they do to a needle: no bone, no friction."""
+    voxels = np.zeros((60, 60, 60), np.uint8)
+    voxels[30:] = 1
+    stiffnesses = enumerate((first_kpa, second_kpa))
+    layers = {n: Material(e, friction_n_per_mm=0.0, cutting_force_n=cutting_force_n) for n, e in stiffnesses}
+    box = ss.Tissue(ss.Grid(shape=(13,) * 3, spacing=SIDE / 12))
+    return ElasticModel(
+        box, TissueMap(Volume(voxels=voxels, spacing=(1.0,) * 3, origin=(0.5,) * 3), layers), nodes=13**3
+    )
+
+
+def at_depth(depth):
+    return {"needle": ss.Needle((0, 30, 30), (depth, 30, 30))}
+
+
+def test_a_load_that_soft_tissue_takes_back_into_stiff_tissue_finds_its_rest():
+    """The whole way each time it went to and fro between them, 0.2 of the field beside its needle, without end."""
+    model = two_layers(60.0, 1.0, 1.25)
+    assert model.settle(model.step(model.rest, at_depth(50.0))).error_estimate <= 0.01
+
+
+@pytest.mark.parametrize("step_mm", [1.0, 1.5])
+def test_a_load_goes_no_further_than_the_iterations_left_resolve(step_mm):
+    """Where a tip comes from soft tissue into stiff tissue; else 0.15 to 0.18 of a field were unfinished."""
+    model = two_layers(1.0, 20.0, 1.2)
+    state, unfinished = model.rest, []
+    for depth in np.arange(3.0, 50.0, step_mm):
+        state = model.step(state, at_depth(depth)).state
+        own = model.solver.settle(state.solution, tolerance=1e-3).displacement
+        off = np.linalg.norm(state.solution.displacement - own, axis=0).mean()
+        unfinished.append(off / np.linalg.norm(own, axis=0).mean())
+    assert max(unfinished) <= 0.03
+
+
+def test_a_step_does_not_go_on_from_a_field_that_is_further_away_than_none():
+    """Of a needle withdrawn from soft tissue, which it has moved by 13 mm, into stiff tissue, by 0.05."""
+    model = two_layers(1000.0, 1.0, 1.2)
+    deep = model.settle(model.step(model.rest, at_depth(45.0)))
+    found = model.step(deep.state, at_depth(15.0)).state.solution
+    assert np.abs(found.displacement).max() < 0.01 * np.abs(deep.state.solution.displacement).max()
+    afresh = model.solver.advance(model.solver.rest, found.load)
+    assert np.array_equal(found.displacement, afresh.displacement)

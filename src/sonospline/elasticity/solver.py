@@ -42,7 +42,7 @@ _ESTIMATE_EVERY = 8
 _AT_A_TIME = 3
 _CHANGED = 1.3
 """Error before a step's iteration over that before the last step's, or the reverse, from which its own is measured."""
-_FASTEST = 0.15
+FASTEST = 0.15
 """Contraction that an iteration is expected to be no better than: seen, it varies from 0.08 to 0.55."""
 _MOST_CALIBRATED = 34**3
 """Nodes beyond which a coarser grid of the same tissue is asked instead: half a hundred iterations cost a second."""
@@ -360,7 +360,7 @@ class ElasticSolver:
             raise NotConvergedError(BROKEN)
         displacement.setflags(write=False)
         contraction = errors[-1] / errors[-2] if estimate and errors[-2] > 0 else state.contraction
-        expected = max(contraction, _FASTEST) * (1.0 if isinstance(self.material, Material) else _UNEVEN)
+        expected = max(contraction, FASTEST) * (1.0 if isinstance(self.material, Material) else _UNEVEN)
         error = self.safety * (errors[-1] if estimate else errors[-1] * expected)
         said = error, estimate, iterations, state.steps + 1, contraction
         return ElasticState(displacement, forces, *said, before=errors[0]), errors[0]

@@ -55,6 +55,10 @@ class ElasticState(ByBits):
     before: float = 0.0
     """Estimate of the error before the last step's first iteration."""
 
+    def nearer_than_none(self, forces: Single) -> bool:
+        """Return whether the displacement is nearer, in energy, to that under other forces than none would be."""
+        return bool(2 * np.vdot(forces, self.displacement) >= np.vdot(self.load, self.displacement))
+
     def __repr__(self) -> str:
         shape = " x ".join(map(str, self.displacement.shape[1:]))
         return f"ElasticState({shape} nodes, {self.steps} steps, error={self.error:.2g})"

@@ -55,21 +55,30 @@ class NeedleLoads:
     at: str
     """One of :data:`LOAD_AT`."""
 
-    def on(self, displacement: Single, needles: Mapping[str, Needle], last: Loading | None = None) -> Loading:
-        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved."""
+    def on(
+        self, displacement: Single, needles: Mapping[str, Needle], last: Loading, most: float | None = None
+    ) -> Loading:
+        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved.
+
+        With ``most`` a load goes part of the way from the last one, if need be: no further than changes a field by so
+        much, relative to it.
+        """
         shafts = {}
         if self.at == "deformed" and isinstance(self.load, LineLoad):
-            shafts = {name: self._shaft(displacement, name, needle, last) for name, needle in needles.items()}
+            shafts = {name: self._shaft(displacement, name, needle, last, most) for name, needle in needles.items()}
         return self.acting(needles, shafts)
 
-    def _shaft(self, displacement: Single, name: str, needle: Needle, last: Loading | None) -> Shaft:
+    def _shaft(self, displacement: Single, name: str, needle: Needle, last: Loading, most: float | None) -> Shaft:
         """The shaft of a needle: the last one while it fits, and else one that is found anew."""
         assert isinstance(self.load, LineLoad)
-        shaft = None if last is None else last.shafts.get(name)
-        was = needle if last is None else last.needles.get(name, needle)
-        if shaft is not None and was == needle and self._error(displacement, needle, shaft) <= SMALL:
+        shaft, was, width = last.shafts.get(name), last.needles.get(name, needle), self.load.width
+        if shaft is not None and was == needle and (most == 0 or self._error(displacement, needle, shaft) <= SMALL):
             return shaft
-        return Shaft.deformed(needle, displacement, self.nodes.grid, _APART * self.load.width)
+        found = Shaft.deformed(needle, displacement, self.nodes.grid, _APART * width)
+        moved = max(np.linalg.norm(needle.tip - was.tip), np.linalg.norm(needle.entry - was.entry))
+        if shaft is None or most is None or moved > width:
+            return found
+        return found.damped(needle, shaft, was, self.nodes.grid, most * width / _ERROR_A_WIDTH)
 
     def acting(self, needles: Mapping[str, Needle], shafts: Mapping[str, Shaft]) -> Loading:
         """Return the loads of needles in the tissue that their shafts tell of; without one, where nothing has moved."""

@@ -17,6 +17,8 @@ Single = NDArray[np.float32]
 
 _ITERATIONS = 40
 """Of the inverse map, at most."""
+_LEAST = 0.3
+"""Of the way to the tissue found, what a shaft goes at least where two ways were opposed: with less it stays beside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,10 @@ class Shaft(ByBits):
         Distances from the entry along the needle, rising, both ends among them.
     places : (n, 3) ndarray
         Where the tissue there is while undeformed, in the world.
+    share : float, default: 1.0
+        Of the way from the last shaft to the tissue found, that this one has gone.
+    way : (n, 3) ndarray, optional
+        All of that way, where it was asked for.
 
     Examples
     --------
@@ -40,6 +46,8 @@ class Shaft(ByBits):
 
     along: Array
     places: Array
+    share: float = 1.0
+    way: Array | None = None
 
     @classmethod
     def undeformed(cls, needle: Needle) -> Shaft:
@@ -56,6 +64,27 @@ class Shaft(ByBits):
         points = grid.local(needle.at(along / needle.depth))
         return cls(along, grid.world(undeformed(displacement, grid, points, points, _ITERATIONS)))
 
+    def damped(self, needle: Needle, last: Shaft, was: Needle, grid: Grid, furthest: float) -> Shaft:
+        """Return a shaft that is on the way from the last one, of a needle as it was, to this one that was found.
+
+        The last one is taken along with the tip. The share of the way is the one with which the last two ways would
+        have met (Aitken's, for vectors): where soft tissue behind stiff tissue takes a load further than it finds it,
+        the whole way each time leads to and fro. No place goes further than ``furthest``, in mm.
+        """
+        behind, was_behind = self.along - needle.depth, last.along - was.depth
+        moved = _between(behind, was_behind, was.at(last.along / was.depth) - last.places)
+        start = grid.local(needle.at(self.along / needle.depth) - moved)
+        start = grid.world(np.clip(start, 0.0, grid.extent))
+        way, share = self.places - start, last.share
+        if last.way is not None:
+            before = _between(behind, was_behind, last.way)
+            change = way - before
+            if change.any():
+                share = float(np.clip(-share * (before * change).sum() / (change**2).sum(), _LEAST, 1.0))
+        longest = float(np.sqrt((way**2).sum(axis=1).max()))
+        share = share if share * longest <= furthest else furthest / longest
+        return Shaft(self.along, self.places if share == 1.0 else start + share * way, share, way)
+
     def moved_on(self, needle: Needle, displacement: Single, grid: Grid) -> float:
         """Return how far the tissue that a needle is in, as a displacement has it, is from where this shaft has it."""
         points, places = grid.local(needle.at(self.along / needle.depth)), grid.local(self.places)
@@ -64,8 +93,12 @@ class Shaft(ByBits):
 
     def at(self, along: ArrayLike) -> Array:
         """Return where the tissue (m, 3) at distances from the entry was, linear between the known places."""
-        wanted = np.asarray(along, float)
-        return np.stack([np.interp(wanted, self.along, places) for places in self.places.T], axis=-1)
+        return _between(along, self.along, self.places)
 
     def __repr__(self) -> str:
         return f"Shaft({len(self.along)} points, {self.along[-1]:.4g} deep)"
+
+
+def _between(wanted: ArrayLike, along: Array, values: Array) -> Array:
+    """The values (n, 3) at some distances, linear between those along which they are known."""
+    return np.stack([np.interp(np.asarray(wanted, float), along, value) for value in values.T], axis=-1)

@@ -17,7 +17,7 @@ from ...contact.frozen_contact import FrozenContact
 from ...contact.medium import REUSE, Medium
 from ...elasticity.checks import check_force, check_material
 from ...elasticity.relaxing import RelaxingSolver
-from ...elasticity.solver import SETTLED, ElasticSolver
+from ...elasticity.solver import FASTEST, SETTLED, ElasticSolver
 from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
@@ -207,18 +207,17 @@ class ElasticModel(TissueModel):
         last = Loading(dict(state.needles), dict(state.shafts), {})
         rests = bool(last.shafts) and needles == last.needles
         ends = rests and state.looks == _MOST_LOOKS
-        loading = (
-            self._loads.acting(needles, last.shafts)
-            if ends
-            else self._loads.on(state.solution.displacement, needles, last)
-        )
+        most = min(_LAG, 2 * self.tolerance)
+        follows = 0.0 if ends else np.inf if rests or state.beside > most else None
+        loading = self._loads.on(state.solution.displacement, needles, last, follows)
         looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
         solution = self._advanced(state.solution, loading, self.budget)
         beside = self._loads.error(loading, solution.displacement)
-        most = min(_LAG, 2 * self.tolerance)
         while not ends and beside > most and solution.iterations < self.budget:
-            loading = self._loads.on(solution.displacement, needles, loading)
-            again = self.solver.measured(self._advanced(solution, loading, self.budget - solution.iterations))
+            left = self.budget - solution.iterations
+            resolved = self.tolerance / max(solution.contraction, FASTEST) ** left
+            loading = self._loads.on(solution.displacement, needles, loading, resolved)
+            again = self.solver.measured(self._advanced(solution, loading, left))
             solution = replace(again, iterations=solution.iterations + again.iterations)
             beside = self._loads.error(loading, solution.displacement)
         return self._loaded(loading, solution, beside, looks)
@@ -266,13 +265,13 @@ class ElasticModel(TissueModel):
         if self._in_time is not None:
             return self._at_rest(self._in_time, response, tolerance)
         needles, solution = dict(state.needles), self.solver.settle(state.solution, tolerance=tolerance)
-        loading = self._loads.on(solution.displacement, needles, Loading(needles, dict(state.shafts), {}))
+        loading = self._loads.on(solution.displacement, needles, Loading(needles, dict(state.shafts), {}), np.inf)
         for _ in range(_MOST_ROUNDS):
             solution = self.solver.settle(self._advanced(solution, loading, self.budget), tolerance=tolerance)
             beside = self._loads.error(loading, solution.displacement)
             if beside <= tolerance:
                 break
-            loading = self._loads.on(solution.displacement, needles, loading)
+            loading = self._loads.on(solution.displacement, needles, loading, np.inf)
         return self._loaded(loading, solution, beside)
 
     def _at_rest(self, in_time: NeedlesInTime, response: Response, tolerance: float) -> Response:
@@ -292,7 +291,8 @@ class ElasticModel(TissueModel):
         return replace(response, events=events)
 
     def _advanced(self, solution: ElasticState, loading: Loading, budget: int) -> ElasticState:
-        return self.solver.advance(solution, loading.total, tolerance=self.tolerance, budget=budget)
+        start = solution if solution.nearer_than_none(loading.total) else self.solver.rest
+        return self.solver.advance(start, loading.total, tolerance=self.tolerance, budget=budget)
 
     def _loaded(self, loading: Loading, solution: ElasticState, beside: float, looks: int = 0) -> Response:
         needles, shafts = tuple(loading.needles.items()), tuple(loading.shafts.items())
