@@ -106,7 +106,7 @@ def test_the_surface_of_soft_tissue_follows_the_tip_and_does_not_run_ahead_of_it
     model = ElasticModel(ss.Tissue(ss.Grid(shape=(25,) * 3, spacing=100 / 24), "x-"), Material(5))
     needle = ss.Needle((0, 50, 50), (depth, 50, 50))
     moved = largest(model.settle(model.step(model.rest, {"needle": needle}), tolerance=1e-2).field.on_grid())
-    assert 0.5 * depth < moved < depth
+    assert 0.45 * depth < moved < depth
 
 
 @pytest.mark.slow
@@ -159,7 +159,7 @@ def test_deep_in_nothing_differs(name):
     tissue = ss.Tissue(ss.Grid(shape=(13,) * 3, spacing=100 / 12))
     small = {"solver_nodes": 9**3} if name == "elastic" else {}
     at_once, gentle = (models.make(name, tissue, **small, **option) for option in ({"build_up_mm": 0.0}, {}))
-    for depth, same in ((0.02, False), (0.201, True), (0.6, True)):
+    for depth, same in ((0.02, False), (0.31, True), (0.6, True)):
         needle = pushed(tissue, (0.45, 0.5), (0.1, 0.2), depth)
         first, second = (model.step(model.rest, {"needle": needle}).field.on_grid() for model in (at_once, gentle))
         assert np.array_equal(first, second) == same
@@ -170,7 +170,7 @@ def test_the_registry_starts_gently_and_the_printed_form_is_the_papers_class():
     assert models.make("paper", tissue).build_up == pytest.approx(2 * 2.66)
     assert models.make("paper", tissue, tip_displacement=4.0).build_up == pytest.approx(8.0)
     assert models.make("kelvinlet", tissue).drag.build_up == pytest.approx(2 * 2.79)
-    assert models.make("elastic", tissue, solver_nodes=500).load.build_up == 20.0
+    assert models.make("elastic", tissue, solver_nodes=500).load.build_up == 30.0
     printed = (ss.Insertion(tissue).tissue_model, models.make("paper", tissue, accumulation="incremental"))
     assert [model.build_up for model in printed] == [0.0, 0.0]
     touch = ss.Needle((0, 50, 50), (0.01, 50, 50))

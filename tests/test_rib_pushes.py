@@ -14,8 +14,6 @@ from sonospline.simulator import Session, make_scene
 RIBS = [f"rib_{side}_{number}" for side in ("left", "right") for number in range(7, 13)]
 SITES = [(rib, ss.FACES[k % 6]) for k, rib in enumerate(RIBS)]
 """Each rib from one face, each face twice; from all faces they are in benchmarks/elastic_holds_on_real_anatomy.py."""
-MOST_ROUGH, FARTHEST_MM = 0.2, 30.0
-"""Of the frames on the way to bone: there 0.7 N on 5 kPa moves tissue by about 10 mm, whether or not bone is near."""
 
 
 def pushed(site, pushes):
@@ -54,8 +52,7 @@ def test_a_push_into_every_rib_of_a_real_abdomen(shared_data, rib, face):
     frames = pushed(site, site.needles())
     assert sum(frame.bone is not None for frame in frames) >= 2
     assert max(frame.iterations for frame in frames) <= BUDGET
-    assert np.mean([not frame.gentle for frame in frames]) <= MOST_ROUGH
-    assert max(frame.moved_mm for frame in frames) <= FARTHEST_MM
+    assert all(frame.gentle for frame in frames)
 
 
 @pytest.mark.slow

@@ -81,6 +81,10 @@ class Tissue:
         pinned = [face in self.pinned_faces for face in FACES]
         return np.maximum(from_both[..., pinned].min(axis=-1), 0.0)
 
+    def depth_below_entry_face(self, point: ArrayLike) -> float:
+        """Return how deep a world point (3,) is below the entry face, at least 0."""
+        return float(max(0.0, -self._beyond(np.asarray(point, float))[FACES.index(self.entry_face)]))
+
     def check_inside(self, **points: ArrayLike) -> None:
         """Raise ValueError for the first of the named world points that lies outside the tissue.
 

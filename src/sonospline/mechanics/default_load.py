@@ -28,14 +28,14 @@ def default_load(
         Of the shaft; by default that of an 18 gauge trocar.
     process_zone_mm : float, default: 3.0
         How far from its surface tissue tears and is spread: the force is passed on from there. Assumed.
-    build_up_mm : float, default: 20.0
-        Depth over which the cutting force builds up, from nothing at first touch.
+    build_up_mm : float, default: 30.0
+        Depth below the skin over which the cutting force builds up, from nothing at first touch.
 
     Examples
     --------
     >>> from sonospline.mechanics import Material, default_load
     >>> default_load(Material(stiffness_kpa=10))
-    LineForce(friction=30.0, tip_force=700.0, width=3.635, build_up=20.0)
+    LineForce(friction=30.0, tip_force=700.0, width=3.635, build_up=30.0)
     """
     radius = _validate.number("needle_radius_mm", needle_radius_mm, positive=True)
     width = radius + _validate.number("process_zone_mm", process_zone_mm)

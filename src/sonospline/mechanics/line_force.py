@@ -28,7 +28,7 @@ class LineForce(LineLoad):
     width : float, default: 0.05
         a, in the unit of the grid. Above zero.
     build_up : float, default: 0.0
-        Depth over which P builds up from nothing, in the unit of the grid (see
+        Depth below the free face over which P builds up from nothing, in the unit of the grid (see
         :func:`~sonospline.mechanics.built_up`). At or above zero, where the whole acts at once.
 
     Raises
@@ -67,14 +67,14 @@ class LineForce(LineLoad):
         --------
         >>> from sonospline.mechanics import LineForce
         >>> LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5)
-        LineForce(friction=30.0, tip_force=700.0, width=5.0, build_up=20.0)
+        LineForce(friction=30.0, tip_force=700.0, width=5.0, build_up=30.0)
         """
         friction = _validate.number("friction_n_per_mm", friction_n_per_mm)
         force = _validate.number("tip_force_n", tip_force_n)
         width = _validate.number("width_mm", width_mm, positive=True)
         return cls(MILLI * friction, MILLI * force, width, _validate.number("build_up_mm", build_up_mm))
 
-    def along(self, needle: Needle) -> AxialForce:
+    def along(self, needle: Needle, below: float = np.inf) -> AxialForce:
         """Return the force along the axis of a needle, the same in any tissue."""
-        tip = self.tip_force * built_up(needle.depth, self.build_up)
+        tip = self.tip_force * built_up(min(needle.depth, below), self.build_up)
         return AxialForce(np.array([0.0, needle.depth]), np.array([self.friction, -self.friction]), tip)

@@ -125,8 +125,8 @@ class LineLoad(Load):
     width: float
 
     @abstractmethod
-    def along(self, needle: Needle) -> AxialForce:
-        """Return the force along the axis of a needle: of its pose alone."""
+    def along(self, needle: Needle, below: float = np.inf) -> AxialForce:
+        """Return the force along the axis of a needle: of its pose alone, and how deep its tip is below a skin."""
 
     @property
     def finest_length(self) -> float:

@@ -52,7 +52,8 @@ def nodal_load(load: Load, needle: Needle, tissue: Tissue, shaft: Shaft | None =
 def _line_load(load: LineLoad, needle: Needle, tissue: Tissue, shaft: Shaft) -> NodalLoad:
     """The forces of points of the axis: each is a Gaussian, which is a product of three functions of one axis."""
     grid = tissue.grid
-    along, amounts = load.along(needle).at_points(needle.depth, load.width)
+    below = tissue.depth_below_entry_face(needle.tip)
+    along, amounts = load.along(needle, below).at_points(needle.depth, load.width)
     points = grid.local(shaft.at(along))
     forces = point_forces(tissue, points, amounts, needle.direction @ grid.direction, load.width)
     return NodalLoad(forces, float(amounts.sum()))

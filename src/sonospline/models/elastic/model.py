@@ -76,8 +76,8 @@ class ElasticModel(TissueModel):
         Of the needle's shaft; by default that of an 18 gauge trocar.
     process_zone_mm : float, default: 3.0
         How far around it tissue tears and is spread: the default load is smoothed over both together.
-    build_up_mm : float, default: 20.0
-        Depth over which the cutting force builds up, from nothing at first touch.
+    build_up_mm : float, default: 30.0
+        Depth below the skin over which the cutting force builds up, from nothing at first touch.
     load_at : {"deformed", "undeformed"}, default: "deformed"
         A load acts on the tissue that the needle is in, which each step asks of the field before it; or on
         what was there before any tissue moved, as a linear reference has it.

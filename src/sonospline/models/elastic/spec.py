@@ -43,7 +43,7 @@ SPEC = ModelSpec(
         Option(name="process_zone_mm", unit="mm", default=PROCESS_ZONE_MM, low=0, high=50, live=(0, 50),
                help="how far around the shaft tissue takes up its force; assumed"),
         Option(name="build_up_mm", default=BUILD_UP_MM, unit="mm", low=0, high=1e4, live=(0, 50),
-               help="depth over which the cutting force builds up"),
+               help="depth below the skin over which the cutting force builds up"),
         Option(name="load_at", kind="choice", choices=("deformed", "undeformed"), default="deformed",
                help="whether needles load the tissue that they are in, or what was there before any moved"),
         Option(name="walls", kind="choice", choices=WALLS, default="pinned",
