@@ -26,7 +26,7 @@ from . import hierarchy
 from .calibration import UNIFORM, error_safety
 from .checks import check_force, check_material
 from .fragments import FloatingFragments, nodes_of_fragments
-from .state import BROKEN, BUDGET, TOLERANCE, ElasticState, NotConvergedError
+from .state import BROKEN, BUDGET, FASTEST, TOLERANCE, ElasticState, NotConvergedError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -42,8 +42,6 @@ _ESTIMATE_EVERY = 8
 _AT_A_TIME = 3
 _CHANGED = 1.3
 """Error before a step's iteration over that before the last step's, or the reverse, from which its own is measured."""
-FASTEST = 0.15
-"""Contraction that an iteration is expected to be no better than: seen, it varies from 0.08 to 0.55."""
 _MOST_CALIBRATED = 34**3
 """Nodes beyond which a coarser grid of the same tissue is asked instead: half a hundred iterations cost a second."""
 _CALIBRATED = 25**3

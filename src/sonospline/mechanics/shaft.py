@@ -75,12 +75,12 @@ class Shaft(ByBits):
         moved = _between(behind, was_behind, was.at(last.along / was.depth) - last.places)
         start = grid.local(needle.at(self.along / needle.depth) - moved)
         start = grid.world(np.clip(start, 0.0, grid.extent))
-        way, share = self.places - start, last.share
+        way, share = self.places - start, max(last.share, _LEAST)
         if last.way is not None:
             before = _between(behind, was_behind, last.way)
             change = way - before
             if change.any():
-                share = float(np.clip(-share * (before * change).sum() / (change**2).sum(), _LEAST, 1.0))
+                share = float(np.clip(-last.share * (before * change).sum() / (change**2).sum(), _LEAST, 1.0))
         longest = float(np.sqrt((way**2).sum(axis=1).max()))
         share = share if share * longest <= furthest else furthest / longest
         return Shaft(self.along, self.places if share == 1.0 else start + share * way, share, way)

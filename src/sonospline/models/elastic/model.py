@@ -17,7 +17,7 @@ from ...contact.frozen_contact import FrozenContact
 from ...contact.medium import REUSE, Medium
 from ...elasticity.checks import check_force, check_material
 from ...elasticity.relaxing import RelaxingSolver
-from ...elasticity.solver import FASTEST, SETTLED, ElasticSolver
+from ...elasticity.solver import SETTLED, ElasticSolver
 from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
@@ -215,7 +215,7 @@ class ElasticModel(TissueModel):
         beside = self._loads.error(loading, solution.displacement)
         while not ends and beside > most and solution.iterations < self.budget:
             left = self.budget - solution.iterations
-            resolved = self.tolerance / max(solution.contraction, FASTEST) ** left
+            resolved = self.tolerance / solution.left_after(left)
             loading = self._loads.on(solution.displacement, needles, loading, resolved)
             again = self.solver.measured(self._advanced(solution, loading, left))
             solution = replace(again, iterations=solution.iterations + again.iterations)
