@@ -41,7 +41,7 @@ def test_see_a_needle():
 
 
 def test_drive_the_simulator():
-    assert run("05_drive_the_simulator.py")["vessel_moved"] == pytest.approx(0.918, abs=0.01)
+    assert run("05_drive_the_simulator.py")["vessel_moved"] == pytest.approx(0.871, abs=0.01)
 
 
 @pytest.mark.slow
