@@ -33,11 +33,12 @@ from real_anatomy import (
     abdomen,
     abdomen_cases,
     abdomen_names,
-    cut_voxels,
+    finest_parts,
     kidney,
     kidney_cases,
     labels_of,
     needles_into,
+    parts_of_voxels,
 )
 from sonospline.elasticity import ElasticSolver
 from sonospline.geometry.grid import FACES
@@ -118,10 +119,14 @@ def passed(case, nodes):
     return response
 
 
+def imaged(case):
+    return case.tissues in (abdomen(), kidney().tissues) if ABDOMEN.is_file() else case.tissues is kidney().tissues
+
+
 def reference_nodes(case):
     """In anatomy that was imaged the cells are parts of voxels: any other grid blurs bone, and is itself off by 1 %."""
-    imaged = case.tissues in (abdomen(), kidney().tissues) if ABDOMEN.is_file() else case.tissues is kidney().tissues
-    return cut_voxels(case.tissue.grid, case.tissues.labels) if imaged else FINE**3
+    box, labels = case.tissue.grid, case.tissues.labels
+    return parts_of_voxels(box, labels, finest_parts(box, labels)) if imaged(case) else FINE**3
 
 
 def grid():
@@ -142,6 +147,11 @@ def grid():
                 f"{case.name:44s}: {side}^3-like {away:.4f} (of its cells alone {alone:.4f}), tip {tip:.4f}",
                 mean=(away, most), tip=(tip, SOFT_TIP_LIMIT if soft else TIP_LIMIT),
             )  # fmt: skip
+        box, labels = case.tissue.grid, case.tissues.labels
+        for parts in [n for n in (1, 2) if imaged(case) and n < finest_parts(box, labels)]:
+            cells = parts_of_voxels(box, labels, parts)
+            away, tip = apart(finished(case, cells)[1], places, expected)
+            report(f"{case.name:44s}: 1/{parts} of a voxel, {cells.node_count:,} nodes: {away:.4f}, tip {tip:.4f}")
         off = same_cells(*finished(case, 13**3), case)
         report(f"{case.name:44s}: scikit-fem on the same cells {off:.5f}", scikit_fem=(off, 5e-3))
 

@@ -136,15 +136,19 @@ def crop(kind, seed=0):
             return ss.Grid.covering(sides * labels.spacing, nodes=DISPLAY, origin=labels.position(low[None])[0])
 
 
-def cut_voxels(box, labels, most=2_500_000):
-    """A grid over a box whose cells are the voxels of a label map cut in two, or four where that is at most so many.
+def finest_parts(box, labels, most=2_500_000):
+    """Parts of a voxel along each axis, four or two, whose grid over a box has at most so many nodes."""
+    return 4 if np.prod(np.rint(4 * box.extent / labels.spacing) + 1) <= most else 2
 
-    No cell holds two tissues: what a fine grid lacks then is not where they meet. The box begins at a voxel's middle.
+
+def parts_of_voxels(box, labels, parts):
+    """A grid over a box whose cells are the voxels of a label map, cut into so many parts along each axis.
+
+    No cell holds two tissues: what a grid lacks then is not where they meet. The box begins at a voxel's middle.
     """
     middle = labels.index(box.world(np.array([[0.0, 0, 0], box.extent])))
     assert np.allclose(middle, np.rint(middle), atol=1e-3), f"{box!r} does not end in the middle of voxels"
-    cells = np.rint(2 * box.extent / labels.spacing).astype(int)
-    cells *= 2 if np.prod(2 * cells + 1) <= most else 1
+    cells = np.rint(parts * box.extent / labels.spacing).astype(int)
     shape = tuple(int(n) + 1 for n in cells)
     return ss.Grid(shape=shape, spacing=tuple(box.extent / cells), origin=box.origin, direction=box.direction)
 
