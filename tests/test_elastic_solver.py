@@ -230,6 +230,15 @@ def test_a_sudden_withdrawal_is_caught_in_one_step(name):
     assert error_of(solver, found, needle=half) < 0.015
 
 
+def test_an_error_that_is_measured_says_how_the_iteration_before_it_contracted():
+    """Else an error that follows from the next one is told by an iteration of long ago: by a third of it, once."""
+    solver = ElasticSolver(cube(), Material(2.0), nodes=SMALL)
+    state = next(state for state in pushed(solver, 40) if not state.measured and state.iterations == 1)
+    found = solver.measured(state)
+    assert found.contraction != state.contraction
+    assert found.contraction == pytest.approx(found.error / solver.safety / state.before)
+
+
 def test_a_step_keeps_the_state_it_started_from():
     solver = ElasticSolver(cube(), nodes=SMALL)
     state = solver.step(solver.rest, LineForce(), NEEDLE)

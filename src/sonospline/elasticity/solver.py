@@ -247,7 +247,8 @@ class ElasticSolver:
     def _measured(self, found: ElasticState, forces: Single) -> ElasticState:
         """The same displacement, with its error measured."""
         _, errors, _ = self._multigrid.iterate(forces, found.displacement, 0, True)
-        return replace(found, error=self.safety * errors[-1], measured=True)
+        contraction = errors[-1] / found.before if found.iterations == 1 and found.before > 0 else found.contraction
+        return replace(found, error=self.safety * errors[-1], measured=True, contraction=contraction)
 
     def _further(self, found: ElasticState, forces: Single, iterations: int) -> ElasticState:
         """More iterations in the same step."""
