@@ -47,6 +47,7 @@ from sonospline.mechanics.continued_walls import WALLS
 from sonospline.models.elastic import ElasticModel
 
 FINE = 97
+AT_REST = 3e-4
 GRID_LIMITS = {25: 0.03, 49: 0.012}
 TIP_LIMIT, SOFT_TIP_LIMIT = 0.05, 0.06
 BOXES = ((100, 100, 100), (240, 120, 60), (363, 300, 87), (300, 60, 60), (400, 100, 40), (400, 400, 40), (500, 50, 50))
@@ -103,11 +104,11 @@ def live():
 
 def finished(case, nodes):
     """A model and its response at the end of the way, at rest: a load that follows the tissue, too."""
-    model = ElasticModel(case.tissue, case.tissues, nodes=nodes, tolerance=1e-4, budget=200)
+    model = ElasticModel(case.tissue, case.tissues, nodes=nodes, tolerance=AT_REST, budget=200)
     response = model.step(model.rest, {"needle": case.needle})
     for _ in range(5):
-        response = model.step(model.settle(response, tolerance=1e-4).state, {"needle": case.needle})
-    return model, model.settle(response, tolerance=1e-4)
+        response = model.step(model.settle(response, tolerance=AT_REST).state, {"needle": case.needle})
+    return model, model.settle(response, tolerance=AT_REST)
 
 
 def passed(case, nodes):
