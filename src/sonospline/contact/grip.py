@@ -34,7 +34,7 @@ def gripped(track: Track, needle: Needle, moved: Array, share: float) -> Track:
     share : float
         Of the compliance that answers to a change of forces.
     """
-    inside = track.lengths > 0
+    inside = (track.lengths > 0) & ~track.stays
     seen, held = track.places + moved - needle.tip, inside & track.held
     lateral, offsets = _held(track, seen, needle.direction, held, track.offsets, track.lateral, share)
     return track.changed(lateral=lateral, offsets=offsets, held=inside)

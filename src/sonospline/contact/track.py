@@ -58,6 +58,8 @@ class Track(ByBits):
         Displacement of the solver's nodes by 1 mN at the last point along each axis of the world.
     sliding, used, held : (m,) ndarray of bool
         Which points slide, which the tip has left since it cut there, and which are held sideways.
+    stays : (m,) ndarray of bool
+        Where bone or a wall keeps tissue from moving, however it is pushed: it holds no shaft.
     resistance : (4, m) ndarray
         As :class:`~sonospline.contact.medium.Resistance`.
     passages : tuple of Passage
@@ -80,6 +82,7 @@ class Track(ByBits):
     sliding: NDArray[np.bool_]
     used: NDArray[np.bool_]
     held: NDArray[np.bool_]
+    stays: NDArray[np.bool_]
     resistance: Array
     passages: tuple[Passage, ...] = ()
     broken: int = 0
