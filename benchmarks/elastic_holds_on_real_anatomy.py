@@ -254,7 +254,7 @@ def force():
         model, response = finished(case, 25**3)
         solution, said = response.state.solution, response.forces["needle"]
         on_nodes = case.tissue.grid.direction @ solution.load.sum(axis=(1, 2, 3), dtype=float)
-        nominal = model.load.total_force(case.needle)
+        nominal = model.load.total_force(case.needle, case.tissue.depth_below_entry_face(case.needle.tip))
         total = abs(1000 * (said.axial_n + said.lost_n) / nominal - 1)
         balance = np.linalg.norm(on_nodes + model.solver.reaction(solution)) / np.linalg.norm(on_nodes)
         live = ElasticModel(case.tissue, case.tissues, nodes=25**3)

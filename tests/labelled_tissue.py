@@ -32,7 +32,7 @@ def away_from_reference(tissues, nodes, *, integration="mean_dilatation", **opti
     solver = ElasticSolver(tissue, tissues, nodes=nodes**3, integration=integration)
     assert solver.grid.shape == tissue.grid.shape
     model = FiniteElementModel(tissue, solver.moduli, integration=integration, **options)
-    found = solver.equilibrium(consistent_load(LineForce(), NEEDLE, solver.grid), tolerance=2e-5).displacement
+    found = solver.equilibrium(consistent_load(LineForce(), NEEDLE, solver.nodes), tolerance=2e-5).displacement
     return largest_difference(np.moveaxis(found, 0, -1), model.solve(LineForce(), NEEDLE))
 
 

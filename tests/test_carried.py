@@ -6,6 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sonospline as ss
+from sonospline.elasticity import ElasticSolver
+from sonospline.fem import FiniteElementModel
+from sonospline.fem.consistent_load import consistent_load
 from sonospline.mechanics import LineForce, Material, TissueForce, TissueMap
 from sonospline.mechanics.nodal_load import nodal_load
 from sonospline.mechanics.tissue_force import CARRIED_MM, SHEAR, carried_by
@@ -115,3 +118,21 @@ def test_the_cutting_force_builds_up_below_the_skin_not_along_the_needle(face, s
     assert tissue.depth_below_entry_face(needle.tip) == pytest.approx(depth * steep)
     straight = load.along(into(depth * steep)).tip
     assert nodal_load(load, needle, tissue).whole == pytest.approx(30 * depth + straight, rel=1e-6)
+
+
+@pytest.mark.parametrize("depth", [5.0, 20.0, 40.0])
+def test_a_reference_builds_the_force_up_below_the_skin_as_the_live_model_does(depth):
+    pytest.importorskip("skfem")
+    tissue, material = ss.Tissue(ss.Grid.covering((SIDE,) * 3, nodes=11**3)), Material(10)
+    load = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=8)
+    needle, below = ss.Needle((0, 8, 30), (depth, 52, 30)), tissue.depth_below_entry_face((depth, 52, 30))
+    points = np.stack(np.meshgrid(*[np.arange(-60, 121, 2.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    whole = 8 * load.body_force(points, needle, below).sum(axis=0) @ needle.direction
+    assert whole == pytest.approx(load.total_force(needle, below), rel=1e-3)
+    assert nodal_load(load, needle, tissue).whole == pytest.approx(whole, rel=1e-3)
+
+    model = FiniteElementModel(tissue, material, integration="mean_dilatation", solver="direct")
+    expected = np.moveaxis(model.solve(load, needle), -1, 0)
+    solver = ElasticSolver(tissue, material, nodes=tissue.grid)
+    found = solver.equilibrium(consistent_load(load, needle, solver.nodes), tolerance=1e-5).displacement
+    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()

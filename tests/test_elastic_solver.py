@@ -51,7 +51,7 @@ def test_the_converged_field_is_that_of_scikit_fem(backend, ratio, integration):
     solver = ElasticSolver(cube(9), material, nodes=9**3, integration=integration)
     model = FiniteElementModel(cube(9), material, integration=integration, solver="direct")
     expected = np.moveaxis(model.solve(LineForce(), NEEDLE), -1, 0)
-    forces = consistent_load(LineForce(), NEEDLE, solver.grid)
+    forces = consistent_load(LineForce(), NEEDLE, solver.nodes)
     assert difference(solver.equilibrium(forces, tolerance=1e-5).displacement, expected) < 1e-4
 
 
@@ -68,7 +68,7 @@ def test_another_face_is_free_and_the_box_any(face, a_rotation):
     expected = FiniteElementModel(solver_tissue, Material(10), integration="mean_dilatation", solver="direct").solve(
         load, needle
     )
-    state = solver.equilibrium(consistent_load(load, needle, solver.grid), tolerance=1e-5)
+    state = solver.equilibrium(consistent_load(load, needle, solver.nodes), tolerance=1e-5)
     assert difference(solver.field(state).values, expected) < 1e-4
 
 
@@ -133,11 +133,11 @@ class Plain(Load):
     def __init__(self, load):
         self.load = load
 
-    def total_force(self, needle):
-        return self.load.total_force(needle)
+    def total_force(self, needle, below=np.inf):
+        return self.load.total_force(needle, below)
 
-    def body_force(self, points, needle):
-        return self.load.body_force(points, needle)
+    def body_force(self, points, needle, below=np.inf):
+        return self.load.body_force(points, needle, below)
 
 
 def test_the_load_is_that_of_its_force_per_volume_wherever_the_needle_points(a_rotation):

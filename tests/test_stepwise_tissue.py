@@ -90,7 +90,7 @@ def test_a_step_of_no_time_is_the_solution_of_the_assembled_finite_elements(name
     assert len(moduli.layers.cells) > 0
     load = LineForce(width=0.1)
     expected = FiniteElementModel(tissue, moduli, integration="mean_dilatation", solver="direct").solve(load, needle)
-    forces = np.moveaxis(consistent_load(load, needle, tissue.grid), 0, -1)
+    forces = np.moveaxis(consistent_load(load, needle, tissue), 0, -1)
     body = StepwiseTissue(tissue, moduli, times=TIMES, fractions=FRACTIONS)
     assert largest_difference(body.step(body.rest, forces, 0.0).displacement, expected) < 1e-10
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.grid import Grid
 from ..geometry.needle import Needle
+from ..geometry.tissue import Tissue
 from ..mechanics.loads import Load
 
 Array = NDArray[np.float64]
 
 
-def consistent_load(load: Load, needle: Needle, grid: Grid) -> Array:
-    """Return the forces (3, nx, ny, nz) on a grid's nodes, along its axes: consistent mass times force per volume.
+def consistent_load(load: Load, needle: Needle, tissue: Tissue) -> Array:
+    """Return the forces (3, nx, ny, nz) on the nodes of a tissue's grid, along its axes: consistent mass times force.
 
     Under them :meth:`sonospline.elasticity.ElasticSolver.equilibrium` and a :class:`FiniteElementModel`
     on the same cells solve the same equations.
@@ -24,11 +24,13 @@ def consistent_load(load: Load, needle: Needle, grid: Grid) -> Array:
     >>> from sonospline.fem.consistent_load import consistent_load
     >>> from sonospline.mechanics import LineForce
     >>> needle = ss.Needle((0, .5, .5), (.6, .5, .5))
-    >>> forces = consistent_load(LineForce(), needle, ss.Grid.unit_cube(25))
+    >>> forces = consistent_load(LineForce(), needle, ss.Tissue(ss.Grid.unit_cube(25)))
     >>> round(float(forces[0].sum()), 4), round(LineForce().total_force(needle), 4)
     (0.0244, 0.025)
     """
-    forces = np.moveaxis((load.body_force(grid.points, needle) @ grid.direction).reshape(*grid.shape, 3), -1, 0)
+    grid, below = tissue.grid, tissue.depth_below_entry_face(needle.tip)
+    local = load.body_force(grid.points, needle, below) @ grid.direction
+    forces = np.moveaxis(local.reshape(*grid.shape, 3), -1, 0)
     for axis, (count, spacing) in enumerate(zip(grid.shape, grid.spacing, strict=True), 1):
         mass = np.diag(np.full(count, 4.0)) + np.eye(count, k=1) + np.eye(count, k=-1)
         mass[0, 0] = mass[-1, -1] = 2

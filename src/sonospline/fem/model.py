@@ -134,7 +134,7 @@ class FiniteElementModel:
         self._check(load, needle)
         started = time.perf_counter()
         grid = self.tissue.grid
-        force = load.body_force(grid.points, needle)
+        force = load.body_force(grid.points, needle, self.tissue.depth_below_entry_face(needle.tip))
         along = np.where(self._pinned, np.nan, load.axial_displacement(grid.points, needle))
         held = None
         if np.isfinite(along).any():

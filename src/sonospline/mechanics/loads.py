@@ -31,8 +31,8 @@ PROCESS_ZONE_MM = 3.0
 class Load(ABC):
     """One load case: a body force, or displacements along the needle, or both."""
 
-    def body_force(self, points: Array, needle: Needle) -> Array:
-        """Return the force per volume (m, 3) at points (m, 3)."""
+    def body_force(self, points: Array, needle: Needle, below: float = np.inf) -> Array:
+        """Return the force per volume (m, 3) at points (m, 3), of a needle whose tip is so deep below a skin."""
         return np.zeros_like(points)
 
     def axial_displacement(self, points: Array, needle: Needle) -> Array:
@@ -40,8 +40,10 @@ class Load(ABC):
         return np.full(len(points), np.nan)
 
     @abstractmethod
-    def total_force(self, needle: Needle) -> float:
+    def total_force(self, needle: Needle, below: float = np.inf) -> float:
         """Return the whole force of a needle on tissue without end, along the needle: mN for mm and kPa.
+
+        ``below`` is how deep its tip is below a skin; by default as deep as it has gone in.
 
         Raises
         ------
@@ -136,15 +138,15 @@ class LineLoad(Load):
         """Return the load, at least so wide."""
         return self if self.width >= least else replace(self, width=least)  # type: ignore[type-var]  # a dataclass
 
-    def total_force(self, needle: Needle) -> float:
+    def total_force(self, needle: Needle, below: float = np.inf) -> float:
         """Return the whole force of a needle, along it: mN for mm and kPa."""
-        force = self.along(needle)
+        force = self.along(needle, below)
         return float(force.up_to(needle.depth)[0] + force.tip)
 
-    def body_force(self, points: Array, needle: Needle) -> Array:
+    def body_force(self, points: Array, needle: Needle, below: float = np.inf) -> Array:
         from scipy.special import erf
 
-        seen, force = needle.project(points), self.along(needle)
+        seen, force = needle.project(points), self.along(needle, below)
         across = np.exp(-0.5 * (seen.distance / self.width) ** 2) / (2 * np.pi * self.width**2)
         # Friction is a sum of steps, and a smoothed step an error function.
         passed = (seen.along[:, None] - force.places) / self.width

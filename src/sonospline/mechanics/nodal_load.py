@@ -41,12 +41,12 @@ def nodal_load(load: Load, needle: Needle, tissue: Tissue, shaft: Shaft | None =
     """
     if isinstance(load, LineLoad):
         return _line_load(load, needle, tissue, shaft or Shaft.undeformed(needle))
-    grid = tissue.grid
-    local = load.body_force(grid.points, needle) @ grid.direction
+    grid, below = tissue.grid, tissue.depth_below_entry_face(needle.tip)
+    local = load.body_force(grid.points, needle, below) @ grid.direction
     forces = np.moveaxis(local.reshape(*grid.shape, 3), -1, 0)
     for axis, spacing in enumerate(grid.spacing):
         forces = weigh_along(forces, axis + 1, spacing)
-    return NodalLoad(np.ascontiguousarray(forces, np.float32), load.total_force(needle))
+    return NodalLoad(np.ascontiguousarray(forces, np.float32), load.total_force(needle, below))
 
 
 def _line_load(load: LineLoad, needle: Needle, tissue: Tissue, shaft: Shaft) -> NodalLoad:

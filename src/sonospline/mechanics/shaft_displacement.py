@@ -72,5 +72,5 @@ class ShaftDisplacement(Load):
         near_tip = seen.along >= needle.depth - self.tip_length - slack
         return np.where(held, np.where(near_tip, self.tip, self.shaft), np.nan)
 
-    def total_force(self, needle: Needle) -> float:
+    def total_force(self, needle: Needle, below: float = np.inf) -> float:
         raise ValueError("a ShaftDisplacement states no force; solve for it, or give a LineForce")

@@ -112,7 +112,7 @@ def equal_to_scikit_fem(scope: Scope, specimen: Specimen, plan: PlannedInsertion
     """
     solver = ElasticSolver(specimen.tissue, specimen.tissues, nodes=scope.checked**3)
     load, needle = specimen.load_without_labels(), plan.on(specimen.tissue)
-    forces = consistent_load(load, needle, solver.grid)
+    forces = consistent_load(load, needle, solver.nodes)
     found = np.moveaxis(solver.equilibrium(forces, tolerance=REFERENCE_ERROR).displacement, 0, -1)
     tissue = Tissue(solver.grid, specimen.tissue.entry_face)
     model = FiniteElementModel(tissue, solver.moduli, integration=solver.integration, solver="direct")
