@@ -224,11 +224,11 @@ def test_a_load_that_breaks_down_leaves_no_trace():
     sound = LineForce.physical(friction_n_per_mm=0.03, tip_force_n=0.7, width_mm=5.0)
     model = models.ElasticModel(ss.Tissue(BLOCK), Material(10.0), sound, nodes=9**3)
     first = push(model, 2, OBLIQUE)
-    loads = model._loads
-    model._loads = replace(loads, load=load)
+    loaded = model._in_pose
+    model._in_pose = replace(loaded, loads=replace(loaded.loads, load=load))
     with pytest.raises(NotConvergedError, match="did not converge"), np.errstate(all="ignore"):
         model.step(first.state, {"needle": OBLIQUE})
-    model._loads = loads
+    model._in_pose = loaded
     undisturbed = models.ElasticModel(ss.Tissue(BLOCK), Material(10.0), sound, nodes=9**3)
     again, expected = (push(which, 3, OBLIQUE, first.state) for which in (model, undisturbed))
     assert again.state == expected.state

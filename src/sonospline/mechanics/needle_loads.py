@@ -16,6 +16,7 @@ from .shaft import Shaft
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Needles = Mapping[str, Needle]
 
 LOAD_AT = ("deformed", "undeformed")
 """Whether a load acts on the tissue that a needle is in, or on what was there before any moved."""
@@ -31,7 +32,7 @@ SMALL = 1e-3
 class Loading:
     """Needles, the tissue that each of them loads, and its forces on the solver's nodes."""
 
-    needles: Mapping[str, Needle]
+    needles: Needles
     shafts: Mapping[str, Shaft]
     """Of those that load tissue which has moved."""
     nodal: Mapping[str, NodalLoad]
@@ -55,24 +56,28 @@ class NeedleLoads:
     at: str
     """One of :data:`LOAD_AT`."""
 
-    def on(
-        self, displacement: Single, needles: Mapping[str, Needle], last: Loading, most: float | None = None
-    ) -> Loading:
-        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved.
+    def on(self, displacement: Single, needles: Needles, last: Loading) -> Loading:
+        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved."""
+        return self._followed(displacement, needles, last, None)
 
-        With ``most`` a load goes part of the way from the last one, if need be: no further than changes a field by so
-        much, relative to it.
+    def nearer(self, displacement: Single, needles: Needles, last: Loading, most: float = np.inf) -> Loading:
+        """Return loads that go part of the way from the last ones to those, if need be, so that they come to rest.
+
+        No further than changes a field by ``most``, relative to it.
         """
+        return self._followed(displacement, needles, last, most)
+
+    def _followed(self, displacement: Single, needles: Needles, last: Loading, most: float | None) -> Loading:
         shafts = {}
         if self.at == "deformed" and isinstance(self.load, LineLoad):
             shafts = {name: self._shaft(displacement, name, needle, last, most) for name, needle in needles.items()}
         return self.acting(needles, shafts)
 
     def _shaft(self, displacement: Single, name: str, needle: Needle, last: Loading, most: float | None) -> Shaft:
-        """The shaft of a needle: the last one while it fits, and else one that is found anew."""
+        """The shaft of a needle: the last one while it fits, else one found anew; all of the way without a limit."""
         assert isinstance(self.load, LineLoad)
         shaft, was, width = last.shafts.get(name), last.needles.get(name, needle), self.load.width
-        if shaft is not None and was == needle and (most == 0 or self._error(displacement, needle, shaft) <= SMALL):
+        if shaft is not None and was == needle and self._error(displacement, needle, shaft) <= SMALL:
             return shaft
         found = Shaft.deformed(needle, displacement, self.nodes.grid, _APART * width)
         moved = max(np.linalg.norm(needle.tip - was.tip), np.linalg.norm(needle.entry - was.entry))
@@ -80,7 +85,7 @@ class NeedleLoads:
             return found
         return found.damped(needle, shaft, was, self.nodes.grid, most * width / _ERROR_A_WIDTH)
 
-    def acting(self, needles: Mapping[str, Needle], shafts: Mapping[str, Shaft]) -> Loading:
+    def acting(self, needles: Needles, shafts: Mapping[str, Shaft]) -> Loading:
         """Return the loads of needles in the tissue that their shafts tell of; without one, where nothing has moved."""
         nodal = {name: self._nodal(needle, shafts.get(name)) for name, needle in needles.items()}
         return Loading(needles, shafts, nodal)

@@ -17,8 +17,8 @@ from ...contact.frozen_contact import FrozenContact
 from ...contact.medium import REUSE, Medium
 from ...elasticity.checks import check_force, check_material
 from ...elasticity.relaxing import RelaxingSolver
-from ...elasticity.solver import SETTLED, ElasticSolver
-from ...elasticity.state import BUDGET, TOLERANCE, ElasticState, NotConvergedError
+from ...elasticity.solver import ElasticSolver
+from ...elasticity.state import BUDGET, TOLERANCE, NotConvergedError
 from ...fields.grid_field import GridField
 from ...fields.strain import largest_strain
 from ...geometry.grid import Grid
@@ -29,12 +29,13 @@ from ...mechanics.default_load import default_load
 from ...mechanics.first_touch import BUILD_UP_MM
 from ...mechanics.loads import MILLI, NEEDLE_RADIUS_MM, PROCESS_ZONE_MM, LineLoad, Load
 from ...mechanics.material import Material
-from ...mechanics.needle_loads import LOAD_AT, SMALL, Loading, NeedleLoads
+from ...mechanics.needle_loads import LOAD_AT, NeedleLoads
 from ...mechanics.relaxation import PronySeries
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
 from .able import ABLE, CONTACTS, RELAXATIONS
 from .grid_error import GridError, grid_error
+from .in_pose import MOST_ROUNDS, Loaded, NeedlesInPose
 from .in_time import NeedlesInTime, force_of
 from .tissue_state import ElasticTissueState
 
@@ -45,14 +46,8 @@ RESOLVED = 0.8
 """Width of a load, in cells, from which its tip moves alike wherever it lies in a cell: to 3 %."""
 _MOST_NODES = 50_000
 """Of a solver that nobody asked more of: some 3 ms an iteration."""
-_LAG = 0.025
-"""Error of a field, at most, from loads that are beside their needles when a step ends."""
-_MOST_LOOKS = 12
-"""Times that the tissue a resting needle loads is looked for: where two tissues meet there may be no end to it."""
 _STILL = 5e-5
 """Error of a field and of the forces of tracks together from which on they stay."""
-_MOST_ROUNDS = 20
-"""Of a load that follows the tissue it moves, until both stay."""
 
 
 class ElasticModel(TissueModel):
@@ -156,9 +151,10 @@ class ElasticModel(TissueModel):
         self.solver = ElasticSolver(tissue, material, nodes=nodes, integration=integration, walls=walls)
         _ = self.solver.safety  # takes half a hundred iterations where tissues differ: not in the first frame
         used = self._resolved() if load is None else self.force
-        self._loads = NeedleLoads(self.solver.nodes, self.solver.free, used, load_at)
         self.tolerance = _validate.number("tolerance", tolerance, positive=True)
         self.budget = _validate.count("budget", budget)
+        loads = NeedleLoads(self.solver.nodes, self.solver.free, used, load_at)
+        self._in_pose = NeedlesInPose(self.solver, loads, self.tolerance, self.budget)
         self._in_time: NeedlesInTime | None = None
         relaxes = _validate.choice("relaxation", relaxation, RELAXATIONS) == "tissue"
         if _validate.choice("contact", contact, CONTACTS) == "track":
@@ -171,7 +167,7 @@ class ElasticModel(TissueModel):
     @property
     def load(self) -> Load:
         """What a needle does: as it was asked for, or as wide as the solver's cells resolve."""
-        return self._loads.load
+        return self._in_pose.loads.load
 
     def _resolved(self) -> Load:
         """A load narrower than 0.8 of a cell would move its tip by more or less as it lies in the cell."""
@@ -189,7 +185,7 @@ class ElasticModel(TissueModel):
 
     def _options(self) -> tuple[Any, ...]:
         solver = self.solver
-        how: tuple[Any, ...] = solver.integration, self.load, self._loads.at, self.tolerance, self.budget
+        how: tuple[Any, ...] = solver.integration, self.load, self._in_pose.loads.at, self.tolerance, self.budget
         if self._in_time is not None:
             how = *how, "track", self._in_time.grip, self._in_time.medium.reuse, bool(self._in_time.tissue.times_s)
         if solver.walls != "pinned":
@@ -204,23 +200,7 @@ class ElasticModel(TissueModel):
             raise NotConvergedError("the state's displacement is not finite; the last field is kept")
         if self._in_time is not None:
             return self._answer_in_time(self._in_time, state, needles, dt)
-        last = Loading(dict(state.needles), dict(state.shafts), {})
-        rests = bool(last.shafts) and needles == last.needles
-        ends = rests and state.looks == _MOST_LOOKS
-        most = min(_LAG, 2 * self.tolerance)
-        follows = 0.0 if ends else np.inf if rests or state.beside > most else None
-        loading = self._loads.on(state.solution.displacement, needles, last, follows)
-        looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
-        solution = self._advanced(state.solution, loading, self.budget)
-        beside = self._loads.error(loading, solution.displacement)
-        while not ends and beside > most and solution.iterations < self.budget:
-            left = self.budget - solution.iterations
-            resolved = self.tolerance / solution.left_after(left)
-            loading = self._loads.on(solution.displacement, needles, loading, resolved)
-            again = self.solver.measured(self._advanced(solution, loading, left))
-            solution = replace(again, iterations=solution.iterations + again.iterations)
-            beside = self._loads.error(loading, solution.displacement)
-        return self._loaded(loading, solution, beside, looks)
+        return self._loaded(self._in_pose.step(state, needles))
 
     def _answer_in_time(
         self, in_time: NeedlesInTime, state: ElasticTissueState, needles: dict[str, Needle], dt: float
@@ -264,20 +244,12 @@ class ElasticModel(TissueModel):
         state = self._own(response.state)
         if self._in_time is not None:
             return self._at_rest(self._in_time, response, tolerance)
-        needles, solution = dict(state.needles), self.solver.settle(state.solution, tolerance=tolerance)
-        loading = self._loads.on(solution.displacement, needles, Loading(needles, dict(state.shafts), {}), np.inf)
-        for _ in range(_MOST_ROUNDS):
-            solution = self.solver.settle(self._advanced(solution, loading, self.budget), tolerance=tolerance)
-            beside = self._loads.error(loading, solution.displacement)
-            if beside <= tolerance:
-                break
-            loading = self._loads.on(solution.displacement, needles, loading, np.inf)
-        return self._loaded(loading, solution, beside)
+        return self._loaded(self._in_pose.settled(state, tolerance))
 
     def _at_rest(self, in_time: NeedlesInTime, response: Response, tolerance: float) -> Response:
         """A response some steps on at the same poses, with what happened on the way."""
         events = response.events
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(MOST_ROUNDS):
             if (response.error_estimate or 0.0) <= tolerance:
                 break
             assert isinstance(response.state, ElasticTissueState)
@@ -285,23 +257,21 @@ class ElasticModel(TissueModel):
             events = *events, *response.events
         if (response.error_estimate or 0.0) > tolerance:
             raise NotConvergedError(
-                f"the error estimate is {response.error_estimate:.1e} after {_MOST_ROUNDS} steps, above tolerance = "
+                f"the error estimate is {response.error_estimate:.1e} after {MOST_ROUNDS} steps, above tolerance = "
                 f"{tolerance:g}; allow a larger one"
             )
         return replace(response, events=events)
 
-    def _advanced(self, solution: ElasticState, loading: Loading, budget: int) -> ElasticState:
-        start = solution if solution.nearer_than_none(loading.total) else self.solver.rest
-        return self.solver.advance(start, loading.total, tolerance=self.tolerance, budget=budget)
-
-    def _loaded(self, loading: Loading, solution: ElasticState, beside: float, looks: int = 0) -> Response:
-        needles, shafts = tuple(loading.needles.items()), tuple(loading.shafts.items())
-        state = ElasticTissueState(self.identity, needles, solution=solution, shafts=shafts, beside=beside, looks=looks)
+    def _loaded(self, found: Loaded) -> Response:
+        loading, loads = found.loading, self._in_pose.loads
+        state = ElasticTissueState(
+            self.identity, tuple(loading.needles.items()), solution=found.solution, looks=found.looks,
+            shafts=tuple(loading.shafts.items()), beside=found.beside)  # fmt: skip
         forces = {
             name: NeedleForce.along(
                 loading.needles[name].direction, force / MILLI, whole_n=loading.nodal[name].whole / MILLI
             )
-            for name, force in self._loads.forces(loading).items()
+            for name, force in loads.forces(loading).items()
         }
         return self._response(state, forces)
 
@@ -344,7 +314,7 @@ class ElasticModel(TissueModel):
         if self._in_time is not None:
             on = replace(self._in_time, medium=replace(self._in_time.medium, solver=solver))
             return on.forces(tracks, needles), np.stack([track.end @ track.places for track in tracks.values()])
-        load = NeedleLoads(solver.nodes, solver.free, self._loads.load, self._loads.at).acting(needles, shafts)
+        load = NeedleLoads(solver.nodes, solver.free, self.load, self._in_pose.loads.at).acting(needles, shafts)
         tips = [shafts[name].places[-1] if name in shafts else needle.tip for name, needle in needles.items()]
         return load.total, np.stack(tips)
 
@@ -396,5 +366,4 @@ class ElasticModel(TissueModel):
             # In the first step that a needle is held friction may still be that of its speed.
             relaxes = bool(self._in_time.tissue.times_s)
             return state.looks > 0 and solution.error + state.beside <= _STILL and not relaxes
-        small = state.beside <= SMALL or state.looks == _MOST_LOOKS
-        return solution.measured and solution.error <= SETTLED and small
+        return self._in_pose.rests(state)
