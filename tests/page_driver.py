@@ -233,17 +233,21 @@ class Driver:
 
     def settled(self):
         """Wait until the read-outs have stood still for half a second, and for ten steps of a slow page."""
-        self.evaluate(
-            """() => new Promise((done) => {
+        self.page.evaluate(
+            """(patience) => new Promise((done, fail) => {
                 let [before, since, step] = ["", performance.now(), looks];
+                const end = since + patience;
                 const numbers = () => [...document.querySelectorAll("output.number")].map((o) => o.dataset.value);
                 const look = () => {
                     const now = numbers().join();
                     if (now !== before) [before, since, step] = [now, performance.now(), looks];
-                    if (performance.now() - since > 500 && looks > step + 10) done(); else setTimeout(look, 50);
+                    if (performance.now() - since > 500 && looks > step + 10) done();
+                    else if (performance.now() > end) fail(new Error(`${now} after ${looks} looks, not at rest`));
+                    else setTimeout(look, 50);
                 };
                 look();
-            })"""
+            })""",
+            1000 * PATIENCE_S,
         )
 
     def drawn(self):
