@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...elasticity.solver import SETTLED, ElasticSolver
 from ...elasticity.state import ElasticState
 from ...geometry.needle import Needle
-from ...mechanics.needle_loads import SMALL, Loading, NeedleLoads
+from .needle_loads import SMALL, Loading, NeedleLoads
 from .tissue_state import ElasticTissueState
 
 _LAG = 0.025

@@ -29,7 +29,6 @@ from ...mechanics.default_load import default_load
 from ...mechanics.first_touch import BUILD_UP_MM
 from ...mechanics.loads import MILLI, NEEDLE_RADIUS_MM, PROCESS_ZONE_MM, LineLoad, Load
 from ...mechanics.material import Material
-from ...mechanics.needle_loads import LOAD_AT, NeedleLoads
 from ...mechanics.relaxation import PronySeries
 from ...mechanics.tissue_map import TissueMap
 from ..contract import NeedleForce, Response, State, TissueModel
@@ -37,6 +36,7 @@ from .able import ABLE, CONTACTS, RELAXATIONS
 from .grid_error import GridError, grid_error
 from .in_pose import MOST_ROUNDS, Loaded, NeedlesInPose
 from .in_time import NeedlesInTime, force_of
+from .needle_loads import LOAD_AT, NeedleLoads
 from .tissue_state import ElasticTissueState
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.needle import Needle
-from ..geometry.tissue import Tissue
-from .loads import LineLoad, Load
-from .nodal_load import NodalLoad, nodal_load
-from .shaft import Shaft
+from ...geometry.needle import Needle
+from ...geometry.tissue import Tissue
+from ...mechanics.loads import LineLoad, Load
+from ...mechanics.nodal_load import NodalLoad, nodal_load
+from ...mechanics.shaft import Shaft
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
