@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,10 @@ class Shaft(ByBits):
         Of the way from the last shaft to the tissue found, that this one has gone.
     way : (n, 3) ndarray, optional
         All of that way, where it was asked for.
+    found : (n, 3) ndarray, optional
+        Where the tissue was found, where that is not where it is taken to be.
+    drift : (n, 3) ndarray, optional
+        How far the step after which it was found moved it on, for each mm that the needle went in.
 
     Examples
     --------
@@ -48,6 +52,8 @@ class Shaft(ByBits):
     places: Array
     share: float = 1.0
     way: Array | None = None
+    found: Array | None = None
+    drift: Array | None = None
 
     @classmethod
     def undeformed(cls, needle: Needle) -> Shaft:
@@ -74,22 +80,49 @@ class Shaft(ByBits):
         behind, was_behind = self.along - needle.depth, last.along - was.depth
         moved = _between(behind, was_behind, was.at(last.along / was.depth) - last.places)
         start = grid.local(needle.at(self.along / needle.depth) - moved)
-        start = grid.world(np.clip(start, 0.0, grid.extent))
+        start = _within(grid, start)
         way, share = self.places - start, max(last.share, _LEAST)
         if last.way is not None:
             before = _between(behind, was_behind, last.way)
             change = way - before
             if change.any():
                 share = float(np.clip(-last.share * (before * change).sum() / (change**2).sum(), _LEAST, 1.0))
-        longest = float(np.sqrt((way**2).sum(axis=1).max()))
+        longest = _longest(way)
         share = share if share * longest <= furthest else furthest / longest
-        return Shaft(self.along, self.places if share == 1.0 else start + share * way, share, way)
+        return Shaft(self.along, self.places if share == 1.0 else start + share * way, share, way, self.places)
+
+    def ahead(self, needle: Needle, last: Shaft, was: Needle, grid: Grid) -> Shaft:
+        """Return a shaft that has gone on as the last one did, of a needle as it was: this one was found a step ago.
+
+        Without it a load lags by what its tissue moves in a step. No place goes further than the needle.
+        """
+        advance = _advance(needle, was)
+        if last.drift is None or advance <= 0:
+            return self
+        drift = _between(self.along - needle.depth, last.along - was.depth, last.drift)
+        drift /= max(1.0, _longest(drift))
+        places = _within(grid, grid.local(self.places + advance * drift))
+        return Shaft(self.along, places, found=self.places)
+
+    def drifting(self, needle: Needle, first: Shaft, was: Needle, displacement: Single, grid: Grid) -> Shaft:
+        """Return this shaft, with how far a step moved the tissue on in which its needle, before as it was, was first.
+
+        The displacement is the one after the step.
+        """
+        advance = _advance(needle, was)
+        if advance <= 0:
+            return replace(self, drift=None)
+        before = first.places if first.found is None else first.found
+        return replace(self, drift=(self._found(needle, displacement, grid) - before) / advance)
 
     def moved_on(self, needle: Needle, displacement: Single, grid: Grid) -> float:
         """Return how far the tissue that a needle is in, as a displacement has it, is from where this shaft has it."""
+        return _longest(self._found(needle, displacement, grid) - self.places)
+
+    def _found(self, needle: Needle, displacement: Single, grid: Grid) -> Array:
+        """Where the tissue (n, 3) is found by one iteration from where this shaft has it."""
         points, places = grid.local(needle.at(self.along / needle.depth)), grid.local(self.places)
-        found = undeformed(displacement, grid, points, places, 1)
-        return float(np.sqrt(((found - places) ** 2).sum(axis=1).max()))
+        return grid.world(undeformed(displacement, grid, points, places, 1))
 
     def at(self, along: ArrayLike) -> Array:
         """Return where the tissue (m, 3) at distances from the entry was, linear between the known places."""
@@ -97,6 +130,20 @@ class Shaft(ByBits):
 
     def __repr__(self) -> str:
         return f"Shaft({len(self.along)} points, {self.along[-1]:.4g} deep)"
+
+
+def _advance(needle: Needle, was: Needle) -> float:
+    """How far a needle has gone in along itself."""
+    return float((needle.tip - was.tip) @ needle.direction)
+
+
+def _longest(vectors: Array) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).max()))
+
+
+def _within(grid: Grid, points: Array) -> Array:
+    """Points (n, 3) along a grid's axes, in the world; those beyond a face are on it."""
+    return grid.world(np.clip(points, 0.0, grid.extent))
 
 
 def _between(wanted: ArrayLike, along: Array, values: Array) -> Array:

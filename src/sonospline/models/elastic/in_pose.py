@@ -12,12 +12,15 @@ from ...geometry.needle import Needle
 from .needle_loads import SMALL, Loading, NeedleLoads
 from .tissue_state import ElasticTissueState
 
-_LAG = 0.025
+_LAG = 0.01
 """Error of a field, at most, from loads that are beside their needles when a step ends."""
 _MOST_LOOKS = 12
 """Times that the tissue a resting needle loads is looked for: where two tissues meet there may be no end to it."""
 MOST_ROUNDS = 20
 """Of a load that follows the tissue it moves, until both stay."""
+_AFTER_A_LOOK = 0.7
+"""Of the tolerance, what is left by a step that has looked for its tissue once more: where a load jumps between stiff
+and soft tissue, an estimate is as much as a third below the error."""
 
 
 class Loaded(NamedTuple):
@@ -44,7 +47,7 @@ class NeedlesInPose:
     tolerance : float
         Error of the field at which a step ends.
     budget : int
-        Iterations of a step, at most.
+        Iterations of a step, at most; an estimate after another look costs as much as one, and counts.
     """
 
     solver: ElasticSolver
@@ -58,13 +61,15 @@ class NeedlesInPose:
         most = min(_LAG, 2 * self.tolerance)
         rests = bool(last.shafts) and needles == last.needles
         ends = rests and state.looks == _MOST_LOOKS
-        loading = self._loading(state, needles, last, ends=ends, partly=rests or state.beside > most)
+        loading = first = self._loading(state, needles, last, ends=ends, partly=rests or state.beside > most)
         looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
         solution = self._advanced(state.solution, loading, self.tolerance, self.budget)
         beside = self.loads.error(loading, solution.displacement)
-        while not ends and beside > most and (left := self.budget - solution.iterations) > 0:
+        while not ends and beside > most and (left := self.budget - solution.iterations - 1) > 0:
             loading, solution = self._again(loading, solution, left)
             beside = self.loads.error(loading, solution.displacement)
+        if not rests:
+            loading = self.loads.drifting(loading, first, last, solution.displacement)
         return Loaded(loading, solution, beside, looks)
 
     def _loading(
@@ -80,8 +85,8 @@ class NeedlesInPose:
         """Look for the tissue of needles again within a step, and go on with what is left of its budget."""
         resolved = self.tolerance / solution.left_after(left)
         loading = self.loads.nearer(solution.displacement, loading.needles, loading, resolved)
-        again = self.solver.measured(self._advanced(solution, loading, self.tolerance, left))
-        return loading, replace(again, iterations=solution.iterations + again.iterations)
+        again = self.solver.measured(self._advanced(solution, loading, _AFTER_A_LOOK * self.tolerance, left))
+        return loading, replace(again, iterations=solution.iterations + again.iterations + 1)
 
     def settled(self, state: ElasticTissueState, tolerance: float) -> Loaded:
         """Iterate a state at its poses until field and loads stay."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,10 @@ class NeedleLoads:
     """One of :data:`LOAD_AT`."""
 
     def on(self, displacement: Single, needles: Needles, last: Loading) -> Loading:
-        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved."""
+        """Return the loads of needles in tissue that has moved (3, nx, ny, nz), which the last loads moved.
+
+        A load goes on by what its tissue moved in the last step.
+        """
         return self._followed(displacement, needles, last, None)
 
     def nearer(self, displacement: Single, needles: Needles, last: Loading, most: float = np.inf) -> Loading:
@@ -81,9 +84,23 @@ class NeedleLoads:
             return shaft
         found = Shaft.deformed(needle, displacement, self.nodes.grid, _APART * width)
         moved = max(np.linalg.norm(needle.tip - was.tip), np.linalg.norm(needle.entry - was.entry))
-        if shaft is None or most is None or moved > width:
+        if shaft is None or moved > width:
             return found
+        if most is None:
+            return found.ahead(needle, shaft, was, self.nodes.grid)
         return found.damped(needle, shaft, was, self.nodes.grid, most * width / _ERROR_A_WIDTH)
+
+    def drifting(self, loading: Loading, first: Loading, last: Loading, displacement: Single) -> Loading:
+        """Return loads after a step, with how far it moved their tissue on since they were first found in it.
+
+        The displacement is the one after it, the last loads are those before it.
+        """
+        shafts = dict(loading.shafts)
+        for name, was in last.needles.items():
+            if name in shafts:
+                needle, found = loading.needles[name], first.shafts[name]
+                shafts[name] = shafts[name].drifting(needle, found, was, displacement, self.nodes.grid)
+        return replace(loading, shafts=shafts)
 
     def acting(self, needles: Needles, shafts: Mapping[str, Shaft]) -> Loading:
         """Return the loads of needles in the tissue that their shafts tell of; without one, where nothing has moved."""
