@@ -104,25 +104,26 @@ class Shaft(ByBits):
         places = _within(grid, grid.local(self.places + advance * drift))
         return Shaft(self.along, places, found=self.places)
 
-    def drifting(self, needle: Needle, first: Shaft, was: Needle, displacement: Single, grid: Grid) -> Shaft:
+    def drifting(self, needle: Needle, first: Shaft, was: Needle, sought: Array) -> Shaft:
         """Return this shaft, with how far a step moved the tissue on in which its needle, before as it was, was first.
 
-        The displacement is the one after the step.
+        Where the tissue (n, 3) is after the step is said by :meth:`sought`.
         """
         advance = _advance(needle, was)
-        if advance <= 0:
-            return replace(self, drift=None)
         before = first.places if first.found is None else first.found
-        return replace(self, drift=(self._found(needle, displacement, grid) - before) / advance)
+        return replace(self, drift=(sought - before) / advance if advance > 0 else None)
 
-    def moved_on(self, needle: Needle, displacement: Single, grid: Grid) -> float:
-        """Return how far the tissue that a needle is in, as a displacement has it, is from where this shaft has it."""
-        return _longest(self._found(needle, displacement, grid) - self.places)
+    def sought(self, needle: Needle, displacement: Single, grid: Grid) -> Array:
+        """Return where the tissue (n, 3) is that a needle is in, as a displacement has it.
 
-    def _found(self, needle: Needle, displacement: Single, grid: Grid) -> Array:
-        """Where the tissue (n, 3) is found by one iteration from where this shaft has it."""
+        By one iteration from where this shaft has it.
+        """
         points, places = grid.local(needle.at(self.along / needle.depth)), grid.local(self.places)
         return grid.world(undeformed(displacement, grid, points, places, 1))
+
+    def beside(self, sought: Array) -> float:
+        """Return how far places (n, 3) of tissue are, at most, from where this shaft has it."""
+        return _longest(sought - self.places)
 
     def at(self, along: ArrayLike) -> Array:
         """Return where the tissue (m, 3) at distances from the entry was, linear between the known places."""

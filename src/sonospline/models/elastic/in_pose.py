@@ -64,12 +64,15 @@ class NeedlesInPose:
         loading = first = self._loading(state, needles, last, ends=ends, partly=rests or state.beside > most)
         looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
         solution = self._advanced(state.solution, loading, self.tolerance, self.budget)
-        beside = self.loads.error(loading, solution.displacement)
-        while not ends and beside > most and (left := self.budget - solution.iterations - 1) > 0:
+        sought = self.loads.sought(loading, solution.displacement)
+        while not ends and (left := self.budget - solution.iterations - 1) > 0:
+            if self.loads.error(loading, sought) <= most:
+                break
             loading, solution = self._again(loading, solution, left)
-            beside = self.loads.error(loading, solution.displacement)
+            sought = self.loads.sought(loading, solution.displacement)
+        beside = self.loads.error(loading, sought)
         if not rests:
-            loading = self.loads.drifting(loading, first, last, solution.displacement)
+            loading = self.loads.drifting(loading, first, last, sought)
         return Loaded(loading, solution, beside, looks)
 
     def _loading(
@@ -95,7 +98,7 @@ class NeedlesInPose:
         for _ in range(MOST_ROUNDS):
             solution = self._advanced(solution, loading, self.tolerance, self.budget)
             solution = self.solver.settle(solution, tolerance=tolerance)
-            beside = self.loads.error(loading, solution.displacement)
+            beside = self.loads.error(loading, self.loads.sought(loading, solution.displacement))
             if beside <= tolerance:
                 break
             loading = self.loads.nearer(solution.displacement, needles, loading)

@@ -79,38 +79,42 @@ class NeedleLoads:
     def _shaft(self, displacement: Single, name: str, needle: Needle, last: Loading, most: float | None) -> Shaft:
         """The shaft of a needle: the last one while it fits, else one found anew; all of the way without a limit."""
         assert isinstance(self.load, LineLoad)
-        shaft, was, width = last.shafts.get(name), last.needles.get(name, needle), self.load.width
-        if shaft is not None and was == needle and self._error(displacement, needle, shaft) <= SMALL:
+        shaft, was = last.shafts.get(name), last.needles.get(name, needle)
+        grid, width = self.nodes.grid, self.load.width
+        if shaft is not None and was == needle and self._fits(shaft, needle, displacement):
             return shaft
-        found = Shaft.deformed(needle, displacement, self.nodes.grid, _APART * width)
+        found = Shaft.deformed(needle, displacement, grid, _APART * width)
         moved = max(np.linalg.norm(needle.tip - was.tip), np.linalg.norm(needle.entry - was.entry))
         if shaft is None or moved > width:
             return found
         if most is None:
-            return found.ahead(needle, shaft, was, self.nodes.grid)
-        return found.damped(needle, shaft, was, self.nodes.grid, most * width / _ERROR_A_WIDTH)
+            return found.ahead(needle, shaft, was, grid)
+        return found.damped(needle, shaft, was, grid, most * width / _ERROR_A_WIDTH)
 
-    def drifting(self, loading: Loading, first: Loading, last: Loading, displacement: Single) -> Loading:
+    def sought(self, loading: Loading, displacement: Single) -> dict[str, Array]:
+        """Return where the tissue (n, 3) of each load is once it has moved (3, nx, ny, nz)."""
+        grid, needles = self.nodes.grid, loading.needles
+        return {name: shaft.sought(needles[name], displacement, grid) for name, shaft in loading.shafts.items()}
+
+    def error(self, loading: Loading, sought: Mapping[str, Array]) -> float:
+        """Return the error of a field, relative, from loads that act beside the tissue that is their needles'."""
+        return max((self._error(shaft, sought[name]) for name, shaft in loading.shafts.items()), default=0.0)
+
+    def drifting(self, loading: Loading, first: Loading, last: Loading, sought: Mapping[str, Array]) -> Loading:
         """Return loads after a step, with how far it moved their tissue on since they were first found in it.
 
-        The displacement is the one after it, the last loads are those before it.
+        The last loads are those before it.
         """
         shafts = dict(loading.shafts)
-        for name, was in last.needles.items():
-            if name in shafts:
-                needle, found = loading.needles[name], first.shafts[name]
-                shafts[name] = shafts[name].drifting(needle, found, was, displacement, self.nodes.grid)
+        for name in shafts.keys() & last.needles.keys():
+            needle, was = loading.needles[name], last.needles[name]
+            shafts[name] = shafts[name].drifting(needle, first.shafts[name], was, sought[name])
         return replace(loading, shafts=shafts)
 
     def acting(self, needles: Needles, shafts: Mapping[str, Shaft]) -> Loading:
         """Return the loads of needles in the tissue that their shafts tell of; without one, where nothing has moved."""
         nodal = {name: self._nodal(needle, shafts.get(name)) for name, needle in needles.items()}
         return Loading(needles, shafts, nodal)
-
-    def error(self, loading: Loading, displacement: Single) -> float:
-        """Return the error of a field, relative, from loads that act beside the tissue their needles are in."""
-        shafts = loading.shafts.items()
-        return max((self._error(displacement, loading.needles[name], shaft) for name, shaft in shafts), default=0.0)
 
     def forces(self, loading: Loading) -> dict[str, Array]:
         """Return the force (3,) of each needle on the tissue, along the world's axes."""
@@ -122,6 +126,9 @@ class NeedleLoads:
         load = nodal_load(self.load, needle, self.nodes, shaft)
         return load._replace(forces=load.forces * self.free)
 
-    def _error(self, displacement: Single, needle: Needle, shaft: Shaft) -> float:
+    def _fits(self, shaft: Shaft, needle: Needle, displacement: Single) -> bool:
+        return self._error(shaft, shaft.sought(needle, displacement, self.nodes.grid)) <= SMALL
+
+    def _error(self, shaft: Shaft, sought: Array) -> float:
         assert isinstance(self.load, LineLoad)
-        return _ERROR_A_WIDTH * shaft.moved_on(needle, displacement, self.nodes.grid) / self.load.width
+        return _ERROR_A_WIDTH * shaft.beside(sought) / self.load.width
