@@ -88,7 +88,8 @@ class NeedlesInPose:
         """Look for the tissue of needles again within a step, and go on with what is left of its budget."""
         resolved = self.tolerance / solution.left_after(left)
         loading = self.loads.nearer(solution.displacement, loading.needles, loading, resolved)
-        again = self.solver.measured(self._advanced(solution, loading, _AFTER_A_LOOK * self.tolerance, left))
+        tolerance = min(self.tolerance, max(_AFTER_A_LOOK * self.tolerance, SETTLED))  # float32 ends near there
+        again = self.solver.measured(self._advanced(solution, loading, tolerance, left))
         return loading, replace(again, iterations=solution.iterations + again.iterations + 1)
 
     def settled(self, state: ElasticTissueState, tolerance: float) -> Loaded:
