@@ -1,6 +1,7 @@
 """Episodes as a data set of LeRobot v3, read with pandas and FFmpeg, which know nothing of who wrote them."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -91,6 +92,20 @@ def test_the_video_shows_what_was_observed_and_says_that_it_is_lossy(written, pl
         assert np.abs(frame[:rows, :columns].astype(float) - image).mean() < 5
     assert (about["info"]["video.codec"], about["info"]["video.lossy"]) == ("av1", True)
     assert "**The video is lossy**" in (written / "README.md").read_text()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="a system without POSIX scheduling")
+def test_a_thread_that_writes_videos_is_scheduled_as_before(tmp_path):
+    """As root the encoder takes the highest priority in real time: browsers started afterwards starved a machine."""
+
+    def scheduled():
+        return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+    before, videos = scheduled(), lerobot_files.Videos(tmp_path, 10)
+    videos.add(np.zeros((3, 64, 64, 3), np.uint8))
+    assert scheduled() == before
+    videos.close()
+    assert scheduled() == before
 
 
 def test_episodes_and_tasks_say_where_everything_is(written):

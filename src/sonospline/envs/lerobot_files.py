@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ class Videos:
         for place, picture in enumerate(pictures, first):
             frame = require("av").VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
             frame.pts = place
-            self._write(self._stream.encode(frame))
+            self._encode(frame)
         return {
             **place_of(self._number), "from_timestamp": first / self._fps, "to_timestamp": self._frames / self._fps
         }  # fmt: skip
@@ -97,7 +98,9 @@ class Videos:
         self._stream = self._file.add_stream("libsvtav1", self._fps, options=options)
         self._stream.height, self._stream.width, self._stream.pix_fmt = rows, columns, "yuv420p"
 
-    def _write(self, packets: Any) -> None:
+    def _encode(self, frame: Any = None) -> None:
+        with _scheduled_as_before():
+            packets = self._stream.encode(frame)
         for packet in packets:
             self._held += packet.size
             self._file.mux(packet)
@@ -105,9 +108,27 @@ class Videos:
     def close(self) -> None:
         """Finish the file that is written."""
         if self._file is not None:
-            self._write(self._stream.encode())
+            self._encode()
             self._file.close()
         self._file = None
+
+
+@contextmanager
+def _scheduled_as_before() -> Iterator[None]:
+    """Give the calling thread its scheduling back.
+
+    SVT-AV1 takes the highest priority in real time for the thread that opens it, where the system lets it, as root, and
+    keeps it: what that thread starts afterwards, such as a browser, is then served before all other programs.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        if os.sched_getscheduler(0) != before[0]:
+            os.sched_setscheduler(0, *before)
 
 
 def write_tasks(path: Path, tasks: Sequence[str]) -> None:
