@@ -108,6 +108,17 @@ def test_a_thread_that_writes_videos_is_scheduled_as_before(tmp_path):
     assert scheduled() == before
 
 
+@pytest.mark.skipif(not hasattr(os, "SCHED_BATCH"), reason="scheduling of another kind than Linux's")
+def test_scheduling_that_was_changed_meanwhile_is_given_back():
+    """Any user may change to this policy and back, so that it shows where the encoder gets none."""
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    with pytest.raises(OSError, match="disk full"), lerobot_files._scheduled_as_before():
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        assert os.sched_getscheduler(0) == os.SCHED_BATCH
+        raise OSError("disk full")
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
 def test_episodes_and_tasks_say_where_everything_is(written):
     episodes = episodes_of(written)
     assert episodes["length"].tolist() == [4, 4]

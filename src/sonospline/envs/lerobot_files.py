@@ -127,7 +127,7 @@ def _scheduled_as_before() -> Iterator[None]:
     try:
         yield
     finally:
-        if os.sched_getscheduler(0) != before[0]:
+        if (os.sched_getscheduler(0), os.sched_getparam(0)) != before:
             os.sched_setscheduler(0, *before)
 
 

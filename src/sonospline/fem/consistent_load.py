@@ -13,10 +13,11 @@ Array = NDArray[np.float64]
 
 
 def consistent_load(load: Load, needle: Needle, tissue: Tissue) -> Array:
-    """Return the forces (3, nx, ny, nz) on the nodes of a tissue's grid, along its axes: consistent mass times force.
+    """Return the forces (3, nx, ny, nz) of a load on the nodes of a tissue's grid, along its axes.
 
-    Under them :meth:`sonospline.elasticity.ElasticSolver.equilibrium` and a :class:`FiniteElementModel`
-    on the same cells solve the same equations.
+    The consistent mass times the force per volume. Under them
+    :meth:`sonospline.elasticity.ElasticSolver.equilibrium` and a :class:`FiniteElementModel` on the same
+    cells solve the same equations.
 
     Examples
     --------
