@@ -79,6 +79,21 @@ def test_after_any_widget_was_used_with_the_mouse_down_pushes(drive, widgets):
     assert driver.page.locator("#scene-menu").is_hidden()
 
 
+# A page so busy that keys come before its timers.
+LATE_TIMERS = """
+const timer = window.setTimeout;
+window.setTimeout = (run, ms = 0, ...rest) => timer(run, ms + 1000, ...rest);
+"""
+
+
+@pytest.mark.slow
+def test_a_key_pressed_right_after_a_click_acts(drive):
+    driver = drive("cube", script=LATE_TIMERS)
+    driver.page.get_by_role("radio", name="Fast").click()
+    assert driver.evaluate(FOCUSED)
+    driver.hold("ArrowDown", f"{DEPTH} > 10")
+
+
 @pytest.mark.slow
 def test_the_other_hands_keys_act_while_a_button_is_held(drive):
     driver = drive(script=LINK)

@@ -15,14 +15,13 @@ export function returnFocus(image: HTMLElement): void {
   };
   /** Whether a pointer opened the dialog that is open. */
   let opened = false;
-  document.addEventListener("pointerup", ({ target }) => window.setTimeout(back, 0, target));
+  // at once: a browser that is busy hands over the next key before it runs any timer
+  document.addEventListener("pointerup", ({ target }) => back(target));
   // a touch clicks well after it was lifted; a click without a pointer comes from a key or a screen reader
   document.addEventListener("click", ({ detail, target }) => {
     if (detail === 0) return;
-    window.setTimeout(() => {
-      opened = document.querySelector("dialog[open]") !== null;
-      back(target);
-    });
+    opened = document.querySelector("dialog[open]") !== null;
+    back(target);
   });
   document.addEventListener("close", () => opened && focus(), true);
   document.addEventListener(DONE, focus);
