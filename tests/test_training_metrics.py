@@ -46,6 +46,26 @@ def test_a_straight_needle_by_hand():
     assert np.isnan(found["peak_force_n"]) and np.isnan(found["papillary_angle_deg"])
 
 
+@pytest.mark.parametrize("shift", [0.0, 300.0])
+@pytest.mark.parametrize("count", [2, 3, 11])
+def test_a_needle_that_goes_on_evenly_has_no_jerk_to_measure(count, shift):
+    depths = shift + np.linspace(5, 15, count)
+    found = measure(of_depths(depths, rate=10 * (count - 1)))
+    assert np.isnan(found["needle_log_dimensionless_jerk"])
+    assert np.isfinite(found["needle_spectral_arc_length"])
+    still = measure(of_depths(np.full(count, shift + 0.1), rate=10))
+    assert np.isnan([still["needle_log_dimensionless_jerk"], still["needle_spectral_arc_length"]]).all()
+
+
+@given(
+    st.lists(st.sampled_from([np.nan, 0.0, 1e-12, 5.0, 5.5, 6.0, 40.0]) | st.floats(0, 50), min_size=2, max_size=12),
+    st.sampled_from([0.2, 1.0, 20.0, 60.0]),
+)
+def test_no_short_or_odd_motion_has_an_infinite_metric(depths, rate):
+    """Of a slow machine, whose frames are few, too: floating-point errors are exceptions here."""
+    assert not np.isinf(list(measure(of_depths(depths, rate)).values())).any()
+
+
 def test_a_zigzag_by_hand():
     """30 in, 10 back, on to 40, 4 back (too little to count), on to 45, 6 back: one redirection."""
     found = measure(of_depths(way(0, 30, 20, 40, 36, 45, 39)))

@@ -18,6 +18,8 @@ RATE_HZ = 60.0
 """That motions are resampled at."""
 _PADDED, _HIGHEST_HZ, _FAINTEST = 4, 10.0, 0.05
 """Doublings of the spectrum's length; its highest frequency; its share of the peak from which on it counts."""
+_ROUNDING = 64 * np.finfo(float).eps
+"""Of the largest coordinate: what splines leave of places that should be the same, or evenly apart."""
 
 
 def resampled(time_s: ArrayLike, places: ArrayLike) -> tuple[Array, Array]:
@@ -83,7 +85,8 @@ def log_dimensionless_jerk(time_s: ArrayLike, places: ArrayLike) -> float:
     Returns
     -------
     float
-        NaN for what does not move, or is over in less than four samples of 60 a second.
+        NaN for what does not move, is over in less than four samples of 60 a second, or goes on so evenly that its
+        jerk is lost in rounding.
 
     Examples
     --------
@@ -97,6 +100,8 @@ def log_dimensionless_jerk(time_s: ArrayLike, places: ArrayLike) -> float:
     if speed is None:
         return float("nan")
     jerk = np.diff(speed, 2) * RATE_HZ**2
+    if np.abs(jerk).max() <= _ROUNDING * np.abs(places).max() * RATE_HZ**3:
+        return float("nan")
     seconds = len(speed) / RATE_HZ
     return float(-np.log((jerk**2).sum() / RATE_HZ * seconds**3 / speed.max() ** 2))
 
@@ -106,4 +111,4 @@ def _speed(time_s: ArrayLike, places: ArrayLike) -> Array | None:
     if len(even) < 4:
         return None
     speed = np.linalg.norm(np.diff(even, axis=0), axis=1) * RATE_HZ
-    return speed if speed.max() > 0 else None
+    return speed if speed.max() > _ROUNDING * np.abs(even).max() * RATE_HZ else None
