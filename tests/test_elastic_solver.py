@@ -280,6 +280,15 @@ def test_an_unreachable_tolerance_says_so(monkeypatch):
         solver.solve(LineForce(), NEEDLE, tolerance=1e-9)
 
 
+def test_a_state_that_took_many_iterations_settles_as_any_other():
+    solver = ElasticSolver(cube(), Material(), nodes=SMALL)
+    state = solver.step(solver.rest, LineForce(), NEEDLE, iterations=2)
+    assert state.error > 1e-5
+    settled = solver.settle(replace(state, iterations=200), tolerance=1e-5)
+    assert settled.error <= 1e-5
+    assert settled.iterations > 200
+
+
 @pytest.mark.parametrize("name", ["bone", "body", *(pytest.param(name, marks=SLOW) for name in SIMPLE)])
 def test_the_published_error_is_the_true_one_or_a_few_times_that(name):
     solver = ElasticSolver(cube(), labelled_cube(name, voxels=48), nodes=SMALL)

@@ -304,14 +304,15 @@ class ElasticSolver:
         Raises
         ------
         ValueError, NotConvergedError
-            As :meth:`solve`.
+            As :meth:`solve`; what the state took before does not count.
         """
         tolerance = _validate.number("tolerance", tolerance, positive=True)
         if tolerance < _FINEST:
             raise ValueError(f"tolerance = {tolerance:g} is below what float32 resolves; give at least {_FINEST:g}")
         forces, taken = state.load, state.iterations
+        most = taken + _MOST_ITERATIONS
         while state.error > tolerance or not state.measured:
-            if taken >= _MOST_ITERATIONS:
+            if taken >= most:
                 raise NotConvergedError(
                     f"the error estimate is {state.error:.1e} after {taken} iterations, above tolerance = "
                     f"{tolerance:g}; allow a larger one, or use a lower contrast or Poisson's ratio"
