@@ -18,6 +18,8 @@ from sonospline.training import Exercise
 from sonospline.training.attempt_recording import Recordings
 
 TOKEN = "chalk and sponge"
+ANY = bool
+"""Holds of every message."""
 BLOCK = EXERCISE + "[pass_mark]\npasses = {most = 1}\n"
 
 
@@ -47,14 +49,23 @@ class Lab(Running):
 class Heard(Client):
     """A page that hears texts and frames until what it waits for."""
 
-    def until(self, kind, holds=lambda values: True, seconds=60):
+    def until(self, kind, holds=ANY, seconds=60):
+        return self.until_all({kind: holds}, seconds)[kind]
+
+    def until_all(self, wanted, seconds=60):
+        """The first of each kind that holds, in whatever order they come."""
+        found = {}
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            message = self.socket.recv(timeout=max(0.1, end - time.monotonic()))
+        while found.keys() != wanted.keys():
+            try:
+                message = self.socket.recv(timeout=max(0, end - time.monotonic()))
+            except TimeoutError:
+                raise AssertionError(f"{sorted(wanted.keys() - found.keys())} was not heard") from None
             values = self.taken(message)
-            if values.get("type") == kind and holds(values):
-                return values
-        raise AssertionError(f"{kind} was not heard")
+            kind = values.get("type")
+            if kind in wanted.keys() - found.keys() and wanted[kind](values):
+                found[kind] = values
+        return found
 
     def taken(self, message):
         if isinstance(message, str):
