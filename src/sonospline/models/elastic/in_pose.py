@@ -6,11 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...elasticity.solver import SETTLED, ElasticSolver
 from ...elasticity.state import ElasticState
 from ...geometry.needle import Needle
 from .needle_loads import SMALL, Loading, NeedleLoads
 from .tissue_state import ElasticTissueState
+
+Array = NDArray[np.float64]
 
 _LAG = 0.01
 """Error of a field, at most, from loads that are beside their needles when a step ends."""
@@ -64,13 +69,10 @@ class NeedlesInPose:
         loading = first = self._loading(state, needles, last, ends=ends, partly=rests or state.beside > most)
         looks = min(state.looks + (loading.shafts != last.shafts), _MOST_LOOKS) if rests else 0
         solution = self._advanced(state.solution, loading, self.tolerance, self.budget)
-        sought = self.loads.sought(loading, solution.displacement)
-        while not ends and (left := self.budget - solution.iterations - 1) > 0:
-            if self.loads.error(loading, sought) <= most:
-                break
+        sought, beside = self._sought(loading, solution)
+        while not ends and beside > most and (left := self.budget - solution.iterations - 1) > 0:
             loading, solution = self._again(loading, solution, left)
-            sought = self.loads.sought(loading, solution.displacement)
-        beside = self.loads.error(loading, sought)
+            sought, beside = self._sought(loading, solution)
         if not rests:
             loading = self.loads.drifting(loading, first, last, sought)
         return Loaded(loading, solution, beside, looks)
@@ -99,7 +101,7 @@ class NeedlesInPose:
         for _ in range(MOST_ROUNDS):
             solution = self._advanced(solution, loading, self.tolerance, self.budget)
             solution = self.solver.settle(solution, tolerance=tolerance)
-            beside = self.loads.error(loading, self.loads.sought(loading, solution.displacement))
+            _, beside = self._sought(loading, solution)
             if beside <= tolerance:
                 break
             loading = self.loads.nearer(solution.displacement, needles, loading)
@@ -109,6 +111,11 @@ class NeedlesInPose:
         """Return whether further steps at the same poses change nothing to speak of."""
         small = state.beside <= SMALL or state.looks == _MOST_LOOKS
         return state.solution.measured and state.solution.error <= SETTLED and small
+
+    def _sought(self, loading: Loading, solution: ElasticState) -> tuple[dict[str, Array], float]:
+        """Where the tissue of needles is now, and the error of the field because their loads act beside it."""
+        sought = self.loads.sought(loading, solution.displacement)
+        return sought, self.loads.error(loading, sought)
 
     def _advanced(self, solution: ElasticState, loading: Loading, tolerance: float, budget: int) -> ElasticState:
         start = solution if solution.nearer_than_none(loading.total) else self.solver.rest
